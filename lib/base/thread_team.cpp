@@ -7,7 +7,7 @@
 namespace talus {
 
 namespace {
-constexpr int spins_before_sleep = 20000;
+constexpr int spins_before_sleep = 3000;
 
 /// Waits until `done()` holds: spins first, since the next parallel loop is mostly microseconds away, then
 /// sleeps in the kernel on `watched`, so that an oversubscribed machine is not blocked.
@@ -33,8 +33,9 @@ int ThreadTeam::available() {
     return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 }
 
-ThreadTeam::ThreadTeam(int size)
-    : size_(size > 0 ? size : available()), errors_(static_cast<std::size_t>(size_)) {
+ThreadTeam::ThreadTeam(int size, std::size_t serial_below)
+    : size_(size > 0 ? size : available()), serial_below_(serial_below),
+      errors_(static_cast<std::size_t>(size_)) {
     for (int thread = 1; thread < size_; ++thread)
         threads_.emplace_back([this, thread] { work(thread); });
 }

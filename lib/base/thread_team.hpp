@@ -9,12 +9,13 @@
 
 namespace talus {
 
-/// A fixed set of threads that run one function together, again and again, with little cost per call (a step of
-/// a small scene has several parallel loops of some 50 microseconds each). The calling thread is member 0.
+/// A fixed set of threads that run one function together, again and again, with little cost per call (a step
+/// of a small scene has several parallel loops of some 50 microseconds each). The calling thread is member 0.
 class ThreadTeam {
 public:
-    /// @param size number of threads; 0 takes what the process may use.
-    explicit ThreadTeam(int size = 0);
+    /// @param size         number of threads; 0 takes what the process may use
+    /// @param serial_below loops shorter than this run on the calling thread: waking the others costs more
+    explicit ThreadTeam(int size = 0, std::size_t serial_below = 1500);
     ~ThreadTeam();
     ThreadTeam(const ThreadTeam&) = delete;
     ThreadTeam& operator=(const ThreadTeam&) = delete;
@@ -32,11 +33,11 @@ public:
                  const_cast<void*>(static_cast<const void*>(&body)));
     }
 
-    /// Cuts [0, n) into one contiguous part per thread (multiples of `align`) and calls body(begin, end, thread).
-    /// The cut depends on n and the team's size only; results must not depend on where it lies.
+    /// Cuts [0, n) into one contiguous part per thread (multiples of `align`) and calls body(begin, end,
+    /// thread). The cut depends on n and the team's size only; results must not depend on where it lies.
     template <class Body>
     void for_range(std::size_t n, Body&& body, std::size_t align = 16) {
-        if (size_ == 1 || n <= align) {
+        if (size_ == 1 || n <= align || n < serial_below_) {
             if (n > 0)
                 body(std::size_t{0}, n, 0);
             return;
@@ -58,6 +59,7 @@ private:
     void call(int thread) noexcept;
 
     int size_;
+    std::size_t serial_below_;
     std::vector<std::thread> threads_;
     Function function_ = nullptr;
     void* argument_ = nullptr;

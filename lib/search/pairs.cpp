@@ -46,8 +46,8 @@ Box grid_extent(std::span<const Vec3> position, const Box& box) {
 
 } // namespace
 
-std::vector<NearPair> find_pairs(std::span<const Vec3> position, std::span<const double> radius, const Box& box,
-                                 double factor, double margin, ThreadTeam& team) {
+std::vector<NearPair> find_pairs(std::span<const Vec3> position, std::span<const double> radius,
+                                 const Box& box, double factor, double margin, ThreadTeam& team) {
     const std::size_t n = position.size();
     if (n == 0)
         return {};
@@ -58,10 +58,11 @@ std::vector<NearPair> find_pairs(std::span<const Vec3> position, std::span<const
     const Vec3 edges = box.lengths();
     for (int k = 0; k < 3; ++k)
         if (box.periodic[static_cast<std::size_t>(k)] && edges[k] < cutoff)
-            throw Error(ExitCode::configuration_invalid,
-                        fmt::format("periodic box edge {} m is shorter than the reach {} m of the largest grains: "
-                                    "use a larger box or smaller grains",
-                                    edges[k], cutoff));
+            throw Error(
+                ExitCode::configuration_invalid,
+                fmt::format("periodic box edge {} m is shorter than the reach {} m of the largest grains: "
+                            "use a larger box or smaller grains",
+                            edges[k], cutoff));
 
     const Box extent = grid_extent(position, box);
     CellGrid grid(extent.lower, extent.upper, cutoff, n);

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include <cmath>
+#include <cstdint>
+
+namespace talus {
+
+/// A sum whose value does not depend on the order of its terms: each term is rounded to a multiple of a fixed
+/// quantum (a power of two) and added as an integer. So threads may add in any order and a restarted run goes
+/// on with the same bits.
+class ExactSum {
+public:
+    ExactSum() = default;
+    /// @param scale what the quantum is measured against: quantum = 2^-100 times scale's power of two.
+    explicit ExactSum(double scale) : exponent_(std::ilogb(scale) - 100) {
+        to_quanta_ = std::ldexp(1.0, -exponent_);
+    }
+
+    void add(double term) {
+        const double quanta = term * to_quanta_;
+        if (std::abs(quanta) < 0x1p62)
+            sum_ += static_cast<std::int64_t>(quanta);
+        else if (std::abs(quanta) < 0x1p120)
+            sum_ += static_cast<__int128>(quanta);
+        else
+            overflowed_ = true;
+    }
+    void add(const ExactSum& other) {
+        sum_ += other.sum_;
+        overflowed_ = overflowed_ || other.overflowed_;
+    }
+    void reset() {
+        sum_ = 0;
+        overflowed_ = false;
+    }
+    double value() const {
+        return overflowed_ ? std::nan("") : std::ldexp(static_cast<double>(sum_), exponent_);
+    }
+
+    /// The integer itself, for checkpoints.
+    std::int64_t high_bits() const { return static_cast<std::int64_t>(sum_ >> 64); }
+    std::int64_t low_bits() const { return static_cast<std::int64_t>(sum_); }
+    void set_bits(std::int64_t high, std::int64_t low) {
+        sum_ =
+            static_cast<__int128>((static_cast<unsigned __int128>(static_cast<std::uint64_t>(high)) << 64) |
+                                  static_cast<std::uint64_t>(low));
+    }
+
+private:
+    __int128 sum_ = 0;
+    double to_quanta_ = 0x1p100;
+    int exponent_ = -100;
+    bool overflowed_ = false;
+};
+
+} // namespace talus

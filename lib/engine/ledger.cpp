@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+/// The simulation's accounts: energies, state of rest, broken bonds.
+#include "engine/simulation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+#include <utility>
+
+namespace talus::engine {
+
+Vec3 Simulation::full_velocity(std::size_t row) const {
+    return particles_.velocity[row].vec() + 0.5 * time_step_.step * particles_.acceleration[row];
+}
+
+Vec3 Simulation::full_angular_velocity(std::size_t row) const {
+    return particles_.angular_velocity[row].vec() +
+           0.5 * time_step_.step * particles_.angular_acceleration[row];
+}
+
+Vec3 Simulation::unwrapped(std::size_t row) const {
+    const Vec3 edge = images_.box().lengths();
+    const auto& image = particles_.image[row];
+    Vec3 x = particles_.position[row].vec();
+    for (int k = 0; k < 3; ++k)
+        if (image[static_cast<std::size_t>(k)] != 0)
+            x[k] += image[static_cast<std::size_t>(k)] * edge[k];
+    return x;
+}
+
+/// Adds this step's powers to the integrals; all sums are exact, so their order does not matter.
+void Simulation::collect_tallies(bool first) {
+    std::array<ExactSum*, 2> pair_powers{&integrals_[damping_power].last, &integrals_[tangential_power].last};
+    for (ExactSum* power : pair_powers)
+        power->reset();
+    if (viscous_damping_ <= 0)
+        integrals_[viscous_power].last.reset();
+    integrals_[supplied_power].last.reset();
+    if (walls_.fastest() > 0 || walls_.any())
+        walls_.add_power(integrals_[supplied_power].last);
+
+    contacts_ = 0;
+    std::size_t broken = 0;
+    for (Tally& tally : tallies_) {
+        integrals_[damping_power].last.add(tally.dissipation);
+        integrals_[tangential_power].last.add(tally.intake);
+        fractured_.add(tally.fracture);
+        contacts_ += tally.contacts;
+        broken += tally.breaks.size();
+        breaks_.insert(breaks_.end(), tally.breaks.begin(), tally.breaks.end());
+        tally.breaks.clear();
+    }
+    if (broken > 0) {
+        std::sort(
+            breaks_.end() - static_cast<std::ptrdiff_t>(broken), breaks_.end(),
+            [](const BondBreak& a, const BondBreak& b) { return std::tie(a.i, a.j) < std::tie(b.i, b.j); });
+        for (std::size_t k = breaks_.size() - broken; k < breaks_.size(); ++k)
+            breaks_[k].step = step_;
+        intact_bonds_ -= broken;
+    }
+    for (Integral& integral : integrals_) {
+        if (first)
+            integral.first = integral.last;
+        else
+            integral.sum.add(integral.last);
+    }
+}
+
+double Simulation::integral(Power which) const {
+    const Integral& i = integrals_[which];
+    return time_step_.step * (i.sum.value() + 0.5 * (i.first.value() - i.last.value()));
+}
+
+Energies Simulation::energies() const {
+    const ParticleColumns& p = particles_;
+    const double scale = scene_.material.youngs_modulus * std::pow(largest_radius_, 3);
+    ExactSum kinetic(scale), potential(scale), elastic(scale);
+    for (std::size_t row = 0; row < p.owned; ++row) {
+        if (p.species[row] == Species::fixed)
+            continue;
+        const double m = p.velocity[row].w;
+        kinetic.add(0.5 * m * norm2(full_velocity(row)));
+        if (kernel_.tangential)
+            kinetic.add(0.5 * p.angular_velocity[row].w * norm2(full_angular_velocity(row)));
+        potential.add(-m * dot(scene_.gravity, unwrapped(row) - start_position_[p.id[row]]));
+    }
+    for (std::size_t k = 0; k < list_.size(); ++k) {
+        if (!(pairs_.state[k] & contact::contact_active))
+            continue;
+        const search::Candidate c = list_.candidates()[k];
+        const Record &xi = p.position[c.i], &xj = p.position[c.j];
+        const double touch = xi.w + xj.w;
+        const double overlap =
+            touch - norm(xj.vec() - xi.vec()) - (pairs_.offset.empty() ? 0 : pairs_.offset[k]);
+        elastic.add(contact::normal_energy(constants_, xi.w * xj.w / touch, overlap,
+                                           pairs_.state[k] & contact::bond_intact));
+    }
+    walls_.add_elastic_energy(p, elastic);
+
+    Energies e;
+    e.kinetic = kinetic.value();
+    e.potential = potential.value();
+    e.elastic = elastic.value();
+    e.tangential = integral(tangential_power);
+    e.damping = integral(damping_power) + integral(viscous_power);
+    e.fracture = fractured_.value();
+    e.supplied = integral(supplied_power);
+    largest_energy_ = std::max(largest_energy_, e.kinetic + e.elastic + std::abs(e.potential) +
+                                                    std::abs(e.tangential) + std::abs(e.damping));
+    return e;
+}
+
+double Simulation::energy_error() const {
+    const double off = std::abs(energies().total() - start_energy_);
+    return largest_energy_ > 0 ? off / largest_energy_ : 0;
+}
+
+RestState Simulation::rest_state() const {
+    const ParticleColumns& p = particles_;
+    const double scale = scene_.material.youngs_modulus * largest_radius_ * largest_radius_;
+    ExactSum net(scale), contact_force(scale), speed2(1e6);
+    RestState rest;
+    for (std::size_t row = 0; row < p.owned; ++row) {
+        if (p.species[row] == Species::fixed)
+            continue;
+        net.add(p.velocity[row].w * norm(p.acceleration[row]));
+        const double v2 = norm2(full_velocity(row));
+        speed2.add(v2);
+        rest.max_speed = std::max(rest.max_speed, v2);
+    }
+    std::size_t contacts = 0;
+    for (std::size_t k = 0; k < list_.size(); ++k)
+        if (pairs_.state[k] & contact::contact_active) {
+            contact_force.add(norm(pairs_.force[k].force));
+            ++contacts;
+        }
+    const std::size_t pair_contacts = contacts;
+    for (const WallContacts::Entry& e : walls_.entries())
+        if (e.history.state & contact::contact_active) {
+            contact_force.add(norm(e.force));
+            ++contacts;
+        }
+    rest.max_speed = std::sqrt(rest.max_speed);
+    if (mobile_ == 0)
+        return rest;
+    const auto count = static_cast<double>(mobile_);
+    rest.rms_speed = std::sqrt(speed2.value() / count);
+    rest.coordination_number = 2 * static_cast<double>(pair_contacts) / count;
+    const double mean_net = net.value() / count;
+    const double mean_contact = contacts > 0 ? contact_force.value() / static_cast<double>(contacts) : 0;
+    rest.unbalanced_force = mean_net == 0 ? 0 : (mean_contact > 0 ? mean_net / mean_contact : 1e300);
+    return rest;
+}
+
+bool Simulation::at_rest(const RestState& rest) const {
+    const double free_fall = std::sqrt(norm(scene_.gravity) * largest_radius_);
+    return rest.unbalanced_force < scene_.rest_unbalanced &&
+           (free_fall == 0 || rest.rms_speed < scene_.rest_speed * free_fall);
+}
+
+std::size_t Simulation::bonds() const {
+    std::size_t count = 0;
+    for (const std::uint8_t state : pairs_.state)
+        count += (state & contact::bond_intact) != 0;
+    return count;
+}
+
+std::size_t Simulation::release() {
+    const ParticleColumns& p = particles_;
+    std::vector<BondBreak> released;
+    for (std::size_t k = 0; k < list_.size(); ++k) {
+        const search::Candidate c = list_.candidates()[k];
+        if (!(pairs_.state[k] & contact::bond_intact) || p.release[c.i] == p.release[p.owner(c.j)])
+            continue;
+        const Record &xi = p.position[c.i], &xj = p.position[c.j];
+        const double touch = xi.w + xj.w, radius = xi.w * xj.w / touch;
+        const double overlap =
+            touch - norm(xj.vec() - xi.vec()) - (pairs_.offset.empty() ? 0 : pairs_.offset[k]);
+        fractured_.add(contact::normal_energy(constants_, radius, overlap, true) -
+                       contact::normal_energy(constants_, radius, overlap, false));
+        pairs_.state[k] =
+            static_cast<std::uint8_t>((pairs_.state[k] & ~contact::bond_intact) | contact::bond_broken);
+        released.push_back({p.id[c.i], p.id[c.j], 0.5 * (xi.vec() + xj.vec()), 0, step_});
+    }
+    std::sort(released.begin(), released.end(),
+              [](const BondBreak& a, const BondBreak& b) { return std::tie(a.i, a.j) < std::tie(b.i, b.j); });
+    breaks_.insert(breaks_.end(), released.begin(), released.end());
+    intact_bonds_ -= released.size();
+    return released.size();
+}
+
+std::vector<BondBreak> Simulation::take_breaks() {
+    return std::exchange(breaks_, {});
+}
+
+std::size_t Simulation::memory() const {
+    const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
+    const ParticleColumns& p = particles_;
+    return bytes(p.position) + bytes(p.velocity) + bytes(p.angular_velocity) + bytes(p.half_kick) +
+           bytes(p.id) + bytes(p.acceleration) + bytes(p.angular_acceleration) + bytes(p.species) +
+           bytes(p.release) + bytes(p.image) + bytes(p.ghost_owner) + bytes(p.ghost_shift) +
+           bytes(pairs_.tangential_displacement) + bytes(pairs_.offset) + bytes(pairs_.state) +
+           bytes(pairs_.force) + bytes(listed_position_) + bytes(start_position_) + list_.memory();
+}
+
+} // namespace talus::engine

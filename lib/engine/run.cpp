@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "engine/run.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace talus::engine {
+
+namespace {
+
+/// Steps between two looks at whether the scene has come to rest.
+constexpr std::int64_t rest_interval = 100;
+
+/// Whether the k-th multiple of `interval` seconds falls on this step (the first step at or after it).
+bool due(std::int64_t stage_step, double interval, double dt) {
+    if (interval <= 0)
+        return false;
+    const auto multiples = [&](std::int64_t s) {
+        return std::floor(static_cast<double>(s) * dt / interval * (1 + 1e-12));
+    };
+    return multiples(stage_step) > multiples(stage_step - 1);
+}
+
+bool ended(const Simulation& simulation, const Stage& stage, std::int64_t stage_step) {
+    const double dt = simulation.time_step().step;
+    const double last = stage.until_rest ? stage.limit : stage.end;
+    if (static_cast<double>(stage_step) * dt >= last * (1 - 1e-12))
+        return true;
+    return stage.until_rest && stage_step > 0 && stage_step % rest_interval == 0 &&
+           simulation.at_rest(simulation.rest_state());
+}
+
+} // namespace
+
+RunEnd run(Simulation& simulation, const Scene& scene, Observer& observer, RunPosition& position) {
+    const double dt = simulation.time_step().step;
+    for (; position.stage < scene.stages.size(); ++position.stage, position.stage_start = -1) {
+        const Stage& stage = scene.stages[position.stage];
+        if (position.stage_start < 0) {
+            position.stage_start = simulation.steps();
+            simulation.set_viscous_damping(stage.viscous_damping.value_or(scene.viscous_damping));
+            const std::size_t released = stage.release ? simulation.release() : 0;
+            observer.stage(stage, simulation, released);
+            observer.series(simulation);
+            observer.frame(simulation);
+        }
+        bool frame_written = true;
+        while (!ended(simulation, stage, simulation.steps() - position.stage_start)) {
+            simulation.step();
+            const std::int64_t stage_step = simulation.steps() - position.stage_start;
+            const bool frame = due(stage_step, scene.frame_interval, dt);
+            if (due(stage_step, scene.series_interval, dt) || (frame && scene.series_interval <= 0))
+                observer.series(simulation);
+            if (frame)
+                observer.frame(simulation);
+            frame_written = frame;
+            if (observer.stop(simulation))
+                return RunEnd::stopped;
+        }
+        if (!frame_written)
+            observer.frame(simulation);
+    }
+    return RunEnd::done;
+}
+
+} // namespace talus::engine

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "engine/simulation.hpp"
+
+namespace talus::engine {
+
+/// What a run tells the world; the engine itself knows no files.
+class Observer {
+public:
+    virtual ~Observer() = default;
+    /// A stage starts; its first frame follows at once.
+    virtual void stage(const Stage& stage, const Simulation& simulation, std::size_t bonds_released) = 0;
+    virtual void frame(const Simulation& simulation) = 0;
+    virtual void series(const Simulation& simulation) = 0;
+    /// Asked after every step: true ends the run there, to be resumed later.
+    virtual bool stop(const Simulation& simulation) = 0;
+};
+
+/// Where in its stages a run is: all that a resumed run needs besides the simulation.
+struct RunPosition {
+    std::size_t stage = 0;
+    std::int64_t stage_start = -1; ///< step at which the stage began; -1: not yet
+};
+
+enum class RunEnd { done, stopped };
+
+/// Runs the scene's stages from `position` on. Frames and series come at fixed steps counted from each
+/// stage's start, and at each stage's end, so a resumed run writes what an uninterrupted one does.
+RunEnd run(Simulation& simulation, const Scene& scene, Observer& observer, RunPosition& position);
+
+} // namespace talus::engine

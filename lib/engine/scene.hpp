@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "contact/constants.hpp"
+#include "particles/box.hpp"
+#include "particles/material.hpp"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace talus::engine {
+
+/// A plane that grains cannot pass; its normal points to the side where they are. Friction and restitution of
+/// its material describe the interface of grain and wall.
+struct PlaneWall {
+    std::string name;
+    Vec3 point, normal{0, 0, 1}, velocity;
+    Material material;
+};
+
+/// One part of a run. Times count from the stage's own start.
+struct Stage {
+    std::string name = "run";
+    bool until_rest = false;               ///< ends at rest, at the latest after `limit`
+    double limit = 0;                      ///< s, with until_rest
+    double end = 0;                        ///< s, without
+    bool release = false;                  ///< at its start breaks every bond across the rupture surface
+    std::optional<double> viscous_damping; ///< 1/s, instead of the scene's
+};
+
+/// Everything a run needs besides the particles. Defaults are those of interfaces.md.
+struct Scene {
+    Vec3 gravity{0, 0, -9.81};
+    Material material;
+    std::optional<BondMaterial> bond;
+    bool stress_free_start = false;
+    contact::Separation separation = contact::Separation::tension;
+    contact::DampingRule damping_rule = contact::DampingRule::paper;
+    contact::LeverArm lever_arm = contact::LeverArm::contact_point;
+    std::optional<Box> box;
+    std::vector<PlaneWall> walls;
+
+    std::optional<double> step; ///< s; empty: step_fraction of the Rayleigh time
+    double step_fraction = 0.2;
+    bool allow_unstable = false;
+    double viscous_damping = 0;    ///< 1/s: force -c m v, for settling
+    double skin = 0.15;            ///< of the largest radius
+    double rest_speed = 1e-3;      ///< m/s per sqrt(g r): see at_rest()
+    double rest_unbalanced = 1e-2; ///< mean net force / mean contact force below which a packing is at rest
+    bool reference_kernel = false; ///< run the scalar reference instead of the specialised kernel
+
+    std::vector<Stage> stages;
+    double frame_interval = 0;  ///< s; 0: first and last frame only
+    double series_interval = 0; ///< s; 0: with every frame
+};
+
+} // namespace talus::engine

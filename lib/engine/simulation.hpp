@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "base/thread_team.hpp"
+#include "engine/pair_kernel.hpp"
+#include "engine/scene.hpp"
+#include "engine/time_step.hpp"
+#include "engine/wall_contacts.hpp"
+#include "parallel/periodic_images.hpp"
+#include "particles/grains.hpp"
+#include "search/candidate_list.hpp"
+
+#include <string>
+#include <vector>
+
+namespace talus::engine {
+
+/// Where the energy is, J. kinetic + potential + elastic + dissipated - supplied stays what it was at the
+/// start
+/// (`total`), up to the error of the integration.
+struct Energies {
+    double kinetic = 0;    ///< translation and rotation
+    double potential = 0;  ///< of gravity, against the start
+    double elastic = 0;    ///< normal springs
+    double tangential = 0; ///< taken in by tangential springs, dashpots and sliders
+    double damping = 0;    ///< normal dashpots and viscous damping
+    double fracture = 0;   ///< stored in bonds as they broke
+    double supplied = 0;   ///< work of moving walls
+    double total() const {
+        return kinetic + potential + elastic + tangential + damping + fracture - supplied;
+    }
+};
+
+/// How near to rest the scene is.
+struct RestState {
+    double unbalanced_force = 0;         ///< mean net force on mobile particles / mean contact force
+    double max_speed = 0, rms_speed = 0; ///< m/s
+    double coordination_number = 0;      ///< 2 contacts / mobile particles, walls not counted
+};
+
+/// State by particle id, as files want it.
+struct Snapshot {
+    std::vector<Vec3> position, velocity, angular_velocity, force;
+};
+
+/// Everything that the next step depends on, in storage-independent form: particles by id, contacts by id
+/// pair.
+struct SavedState {
+    std::int64_t step = 0;
+    std::vector<Vec3> position, half_velocity, half_angular_velocity, acceleration, angular_acceleration;
+    std::vector<std::array<std::int32_t, 3>> image;
+    std::vector<std::array<std::uint64_t, 2>> contact_pair;
+    std::vector<std::array<std::int8_t, 3>>
+        contact_image; ///< of the second against the first, wrapped positions
+    std::vector<Vec3> contact_displacement;
+    std::vector<double> contact_offset;
+    std::vector<std::uint8_t> contact_state;
+    std::vector<std::array<std::uint64_t, 2>> wall_pair; ///< id, wall number
+    std::vector<Vec3> wall_displacement;
+    std::vector<double> wall_offset;
+    std::vector<std::uint8_t> wall_state;
+    std::vector<std::int64_t> ledger; ///< the exact sums' bits
+    std::vector<double> scalars;      ///< reference energy, largest energy, ...
+};
+
+/// A discrete element run: the step of physics.md over one domain. Time integration is velocity Verlet with
+/// the forces' velocities predicted to the full step and the tangential history advanced with half-step
+/// velocities and normals: second order throughout.
+class Simulation {
+public:
+    /// @throws Error(configuration_invalid) for a step above the stable limit, a box too small for its
+    /// grains,
+    ///         Error(input_invalid) for grains that are not numbers or outside the box.
+    Simulation(const Scene& scene, const Grains& grains, ThreadTeam& team);
+    ~Simulation();
+
+    /// One time step, read top-down like the paper: move, list, push, add up.
+    void step();
+
+    std::size_t size() const { return particles_.owned; }
+    std::size_t mobile_count() const { return mobile_; }
+    std::int64_t steps() const { return step_; }
+    double time() const { return static_cast<double>(step_) * time_step_.step; }
+    const TimeStep& time_step() const { return time_step_; }
+    const std::string& kernel_name() const { return kernel_.name; }
+
+    /// Breaks every bond between a released and an unreleased grain; returns how many.
+    std::size_t release();
+    void set_viscous_damping(double per_second) { viscous_damping_ = per_second; }
+
+    Energies energies() const;
+    /// |total now - total at the start| / largest kinetic + elastic + dissipated + potential change so far.
+    double energy_error() const;
+    RestState rest_state() const;
+    bool at_rest(const RestState& state) const;
+    Snapshot snapshot() const;
+    std::vector<Vec3> wall_forces() const { return walls_.forces(particles_); }
+    std::vector<Vec3> wall_torques() const { return walls_.torques(particles_); }
+
+    std::size_t contacts() const { return contacts_; }
+    std::size_t candidates() const { return list_.size(); }
+    std::size_t bonds() const;
+    std::size_t list_rebuilds() const { return rebuilds_; }
+    /// Bytes held for particles, pairs and lists.
+    std::size_t memory() const;
+    /// Bonds broken since the last call, in the order of (step, i, j).
+    std::vector<BondBreak> take_breaks();
+
+    SavedState save() const;
+    void restore(const SavedState& state);
+
+private:
+    void load(const Grains& grains);
+    void set_initial_contacts();
+    void advance();
+    void rebuild();
+    void compute_forces(double history_step);
+    void sum_forces();
+    void check_finite(double largest_displacement2) const;
+    std::vector<std::uint32_t> rows_by_id() const;
+    Vec3 unwrapped(std::size_t row) const;
+    Vec3 full_velocity(std::size_t row) const;
+    Vec3 full_angular_velocity(std::size_t row) const;
+    void collect_tallies(bool first);
+    void find_contacts_again(const SavedState& state);
+
+    Scene scene_;
+    ThreadTeam& team_;
+    contact::Constants constants_;
+    KernelChoice kernel_;
+    parallel::PeriodicImages images_;
+    ParticleColumns particles_;
+    PairColumns pairs_;
+    search::CandidateList list_;
+    WallContacts walls_;
+    TimeStep time_step_;
+
+    std::int64_t step_ = 0;
+    double reach_factor_ = 1, margin_ = 0, skin_ = 0, largest_radius_ = 0, wall_travel_ = 0;
+    double viscous_damping_ = 0;
+    std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, intact_bonds_ = 0;
+    std::vector<Vec3> listed_position_; ///< positions at the last rebuild
+    std::vector<double> thread_displacement_;
+    std::vector<Tally> tallies_;
+    std::vector<BondBreak> breaks_;
+    /// Powers (W) integrated by the trapezoidal rule, and one energy (J) lost in jumps.
+    struct Integral {
+        ExactSum sum, first, last;
+    };
+    enum Power { damping_power, tangential_power, viscous_power, supplied_power, powers };
+    std::array<Integral, powers> integrals_;
+    double integral(Power which) const;
+    ExactSum fractured_;
+    std::vector<Vec3> start_position_; ///< by id, images added
+    double start_energy_ = 0;
+    mutable double largest_energy_ = 0;
+};
+
+} // namespace talus::engine

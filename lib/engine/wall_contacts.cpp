@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "engine/wall_contacts.hpp"
+
+#include <algorithm>
+
+namespace talus::engine {
+
+WallContacts::WallContacts(const Scene& scene, bool tangential)
+    : walls_(scene.walls), tangential_(tangential) {
+    for (PlaneWall& wall : walls_) {
+        wall.normal = wall.normal / norm(wall.normal);
+        constants_.push_back(contact::make_constants(scene.material, wall.material, {}, scene.damping_rule,
+                                                     scene.separation, scene.lever_arm));
+    }
+}
+
+double WallContacts::fastest() const {
+    double speed = 0;
+    for (const PlaneWall& wall : walls_)
+        speed = std::max(speed, std::abs(dot(wall.velocity, wall.normal)));
+    return speed;
+}
+
+void WallContacts::move(double dt) {
+    for (PlaneWall& wall : walls_)
+        wall.point += dt * wall.velocity;
+}
+
+void WallContacts::rebuild(const ParticleColumns& p, double margin,
+                           const std::vector<std::uint32_t>& old_row) {
+    const std::vector<Entry> old = std::move(entries_);
+    const std::vector<std::uint32_t> old_first = std::move(first_);
+    entries_.clear();
+    first_.assign(p.owned + 1, 0);
+    for (std::uint32_t row = 0; row < p.owned; ++row) {
+        for (std::uint32_t w = 0; w < walls_.size() && p.species[row] != Species::fixed; ++w) {
+            if (distance(w, p.position[row].vec()) >= p.position[row].w + margin)
+                continue;
+            Entry entry{row, w, {}, {}, {}};
+            if (!old_row.empty() && !old_first.empty())
+                for (std::uint32_t k = old_first[old_row[row]]; k < old_first[old_row[row] + 1]; ++k)
+                    if (old[k].wall == w)
+                        entry.history = old[k].history;
+            entries_.push_back(entry);
+        }
+        first_[row + 1] = static_cast<std::uint32_t>(entries_.size());
+    }
+}
+
+void WallContacts::set_stress_free(const ParticleColumns& p) {
+    for (Entry& e : entries_) {
+        const double overlap = p.position[e.row].w - distance(e.wall, p.position[e.row].vec());
+        if (overlap > 0) {
+            e.history.offset = overlap;
+            e.history.state = contact::contact_active;
+        }
+    }
+}
+
+void WallContacts::compute(const ParticleColumns& p, double step, ThreadTeam& team,
+                           std::vector<Tally>& tallies) {
+    team.for_range(entries_.size(), [&](std::size_t begin, std::size_t end, int thread) {
+        Tally& tally = tallies[static_cast<std::size_t>(thread)];
+        for (std::size_t k = begin; k < end; ++k) {
+            Entry& e = entries_[k];
+            const PlaneWall& wall = walls_[e.wall];
+            const contact::Constants& c = constants_[e.wall];
+            const Record& x = p.position[e.row];
+            const Record& v = p.velocity[e.row];
+            contact::Motion m;
+            m.normal = -wall.normal;
+            m.distance = distance(e.wall, x.vec());
+            m.touch = x.w;
+            m.effective_radius = x.w;
+            m.effective_mass = v.w;
+            m.half_velocity = v.vec() - wall.velocity;
+            m.velocity = m.half_velocity + p.half_kick[e.row].velocity();
+            const double stretch =
+                c.lever_arm == contact::LeverArm::contact_point ? std::max(m.distance, 0.0) / m.touch : 1.0;
+            m.arm_i = x.w * stretch;
+            const Vec3 w = p.angular_velocity[e.row].vec();
+            m.half_spin = m.arm_i * w;
+            m.spin = m.arm_i * (w + p.half_kick[e.row].angular_velocity());
+            m.half_twist = 0.5 * dot(w, m.normal);
+            const contact::Force f =
+                tangential_
+                    ? contact::contact_force<contact::Features<true, false, true>>(c, m, step, e.history)
+                    : contact::contact_force<contact::Features<false, false, true>>(c, m, step, e.history);
+            e.force = f.tangential - f.normal * m.normal;
+            e.couple = stretch * cross(m.normal, f.tangential);
+            tally.dissipation.add(f.dissipation);
+            tally.intake.add(f.tangential_intake);
+        }
+    });
+}
+
+void WallContacts::add_elastic_energy(const ParticleColumns& p, ExactSum& sum) const {
+    for (const Entry& e : entries_) {
+        const Record& x = p.position[e.row];
+        const double overlap = x.w - distance(e.wall, x.vec()) - e.history.offset;
+        sum.add(contact::normal_energy(constants_[e.wall], x.w, overlap, false));
+    }
+}
+
+void WallContacts::add_power(ExactSum& sum) const {
+    for (const Entry& e : entries_)
+        sum.add(dot(e.force, walls_[e.wall].velocity));
+}
+
+std::vector<Vec3> WallContacts::totals(const ParticleColumns& p, bool torque) const {
+    std::vector<std::uint32_t> order(entries_.size());
+    for (std::uint32_t k = 0; k < order.size(); ++k)
+        order[k] = k;
+    std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+        return p.id[entries_[a].row] < p.id[entries_[b].row];
+    });
+    std::vector<Vec3> total(walls_.size());
+    for (const std::uint32_t k : order) {
+        const Entry& e = entries_[k];
+        const Vec3 x = p.position[e.row].vec();
+        const Vec3 foot = x - distance(e.wall, x) * walls_[e.wall].normal;
+        total[e.wall] += torque ? cross(foot - walls_[e.wall].point, -e.force) : -e.force;
+    }
+    return total;
+}
+
+} // namespace talus::engine

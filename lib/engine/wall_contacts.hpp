@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "base/thread_team.hpp"
+#include "engine/pair_kernel.hpp"
+#include "engine/scene.hpp"
+
+#include <vector>
+
+namespace talus::engine {
+
+/// Contacts of particles with plane walls: a sphere against a body of infinite mass and radius, by the same
+/// law as pairs (R = r, M = m), never bonded. Only rows within reach of a wall since the last rebuild are
+/// looked at.
+class WallContacts {
+public:
+    struct Entry {
+        std::uint32_t row, wall;
+        contact::History history;
+        Vec3 force;  ///< N, on the particle
+        Vec3 couple; ///< N, torque on the particle = radius * couple
+    };
+
+    WallContacts() = default;
+    WallContacts(const Scene& scene, bool tangential);
+
+    bool any() const { return !walls_.empty(); }
+    std::size_t count() const { return walls_.size(); }
+    /// Fastest wall speed towards the grains, m/s.
+    double fastest() const;
+    void move(double dt);
+
+    /// Lists particles with distance to a wall < r + margin; keeps the history of those listed before.
+    void rebuild(const ParticleColumns& p, double margin, const std::vector<std::uint32_t>& old_row);
+    /// Sets the offsets so that all present overlaps are stress-free.
+    void set_stress_free(const ParticleColumns& p);
+    void compute(const ParticleColumns& p, double step, ThreadTeam& team, std::vector<Tally>& tallies);
+
+    std::span<const Entry> of_row(std::size_t row) const {
+        return {entries_.data() + first_[row], first_[row + 1] - first_[row]};
+    }
+    std::span<const Entry> entries() const { return entries_; }
+    std::span<Entry> entries() { return entries_; }
+    /// The listed contact of this row and wall, or nothing.
+    Entry* find(std::uint32_t row, std::uint64_t wall) {
+        for (std::uint32_t k = first_[row]; k < first_[row + 1]; ++k)
+            if (entries_[k].wall == wall)
+                return &entries_[k];
+        return nullptr;
+    }
+    /// Adds the walls' elastic energy (J) and the power the moving walls put in (W).
+    void add_elastic_energy(const ParticleColumns& p, ExactSum& sum) const;
+    void add_power(ExactSum& sum) const;
+    /// Force and torque about the wall's point on each wall, N and N m; sums in the order of particle id.
+    std::vector<Vec3> forces(const ParticleColumns& p) const { return totals(p, false); }
+    std::vector<Vec3> torques(const ParticleColumns& p) const { return totals(p, true); }
+    Vec3 point(std::size_t wall) const { return walls_[wall].point; }
+    void set_point(std::size_t wall, const Vec3& p) { walls_[wall].point = p; }
+
+private:
+    double distance(std::uint32_t wall, const Vec3& x) const {
+        return dot(x - walls_[wall].point, walls_[wall].normal);
+    }
+    std::vector<Vec3> totals(const ParticleColumns& p, bool torque) const;
+
+    std::vector<PlaneWall> walls_;
+    std::vector<contact::Constants> constants_;
+    bool tangential_ = true;
+    std::vector<Entry> entries_;
+    std::vector<std::uint32_t> first_;
+};
+
+} // namespace talus::engine

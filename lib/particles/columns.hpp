@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "base/vec3.hpp"
+#include "particles/grains.hpp"
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+namespace talus {
+
+/// Four doubles that a kernel loads whole: a vector and the scalar that always goes with it.
+struct alignas(32) Record {
+    double x = 0, y = 0, z = 0, w = 0;
+
+    Record() = default;
+    Record(const Vec3& v, double scalar) : x(v.x), y(v.y), z(v.z), w(scalar) {}
+    Vec3 vec() const { return {x, y, z}; }
+    void set(const Vec3& v) { x = v.x, y = v.y, z = v.z; }
+};
+
+/// Half a step's change of velocity and angular velocity, which takes both from the half step, where they are
+/// stored, to the full step, where forces act. Single precision: it is a small correction, only gathered.
+struct alignas(32) HalfKick {
+    float vx = 0, vy = 0, vz = 0, unused0 = 0, wx = 0, wy = 0, wz = 0, unused1 = 0;
+
+    HalfKick() = default;
+    HalfKick(const Vec3& v, const Vec3& w)
+        : vx(float(v.x)), vy(float(v.y)), vz(float(v.z)), wx(float(w.x)), wy(float(w.y)), wz(float(w.z)) {}
+    Vec3 velocity() const { return {vx, vy, vz}; }
+    Vec3 angular_velocity() const { return {wx, wy, wz}; }
+};
+
+/// The engine's particles, column by column. Rows [0, owned) are this domain's own, in a space-filling order;
+/// rows [owned, size) are ghosts: periodic images (later also copies from other ranks) of owned rows.
+struct ParticleColumns {
+    std::vector<Record> position;         ///< m; w: radius, m
+    std::vector<Record> velocity;         ///< m s-1 at the last half step; w: mass, kg
+    std::vector<Record> angular_velocity; ///< rad s-1 at the last half step; w: moment of inertia, kg m2
+    std::vector<HalfKick> half_kick;      ///< from the half step on to the next full step (prediction)
+    std::vector<std::uint64_t> id;        ///< global id = row in every file
+
+    std::vector<Vec3> acceleration;         ///< m s-2, owned rows, at the last full step
+    std::vector<Vec3> angular_acceleration; ///< rad s-2
+    std::vector<Species> species;
+    std::vector<std::uint8_t> release;
+    std::vector<std::array<std::int32_t, 3>> image; ///< box lengths taken off by wrapping so far
+
+    std::vector<std::uint32_t> ghost_owner;              ///< owned row of each ghost
+    std::vector<std::array<std::int8_t, 3>> ghost_shift; ///< box lengths to add to the owner's position
+
+    std::size_t owned = 0;
+    std::size_t size() const { return position.size(); }
+    std::size_t ghosts() const { return ghost_owner.size(); }
+    /// The owned row behind any row.
+    std::uint32_t owner(std::uint32_t row) const { return row < owned ? row : ghost_owner[row - owned]; }
+    std::array<std::int8_t, 3> shift(std::uint32_t row) const {
+        return row < owned ? std::array<std::int8_t, 3>{} : ghost_shift[row - owned];
+    }
+};
+
+} // namespace talus

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "search/ordering.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <tuple>
+
+namespace talus::search {
+
+namespace {
+
+/// Every third bit of the result is a bit of the lower 21 bits of v.
+std::uint64_t spread(std::uint64_t v) {
+    v &= 0x1fffff;
+    v = (v | v << 32) & 0x1f00000000ffff;
+    v = (v | v << 16) & 0x1f0000ff0000ff;
+    v = (v | v << 8) & 0x100f00f00f00f00f;
+    v = (v | v << 4) & 0x10c30c30c30c30c3;
+    return (v | v << 2) & 0x1249249249249249;
+}
+
+struct Key {
+    std::uint64_t curve, id;
+    std::uint32_t row;
+    bool operator<(const Key& b) const { return std::tie(curve, id) < std::tie(b.curve, b.id); }
+};
+
+template <class Column>
+void permute(std::vector<Column>& column, const std::vector<std::uint32_t>& order, ThreadTeam& team) {
+    if (column.empty())
+        return;
+    std::vector<Column> sorted(order.size());
+    team.for_range(order.size(), [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k)
+            sorted[k] = column[order[k]];
+    });
+    column = std::move(sorted);
+}
+
+} // namespace
+
+std::vector<std::uint32_t> space_filling_order(const ParticleColumns& p, double cell, ThreadTeam& team) {
+    constexpr double inf = std::numeric_limits<double>::infinity();
+    Vec3 lower{inf, inf, inf};
+    for (std::size_t row = 0; row < p.owned; ++row)
+        for (int k = 0; k < 3; ++k)
+            lower[k] = std::min(lower[k], p.position[row].vec()[k]);
+
+    std::vector<Key> keys(p.owned);
+    const auto cut = [&](double f) { return static_cast<std::uint64_t>(std::min(f, 2097151.0)); };
+    team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row) {
+            const Vec3 f = (p.position[row].vec() - lower) / cell;
+            keys[row] = {spread(cut(f.x)) | spread(cut(f.y)) << 1 | spread(cut(f.z)) << 2, p.id[row],
+                         static_cast<std::uint32_t>(row)};
+        }
+        std::sort(keys.begin() + static_cast<std::ptrdiff_t>(begin),
+                  keys.begin() + static_cast<std::ptrdiff_t>(end));
+    });
+    std::sort(keys.begin(), keys.end());
+    std::vector<std::uint32_t> order(p.owned);
+    for (std::size_t k = 0; k < p.owned; ++k)
+        order[k] = keys[k].row;
+    return order;
+}
+
+void reorder(ParticleColumns& p, const std::vector<std::uint32_t>& order, ThreadTeam& team) {
+    permute(p.position, order, team);
+    permute(p.velocity, order, team);
+    permute(p.angular_velocity, order, team);
+    permute(p.half_kick, order, team);
+    permute(p.id, order, team);
+    permute(p.acceleration, order, team);
+    permute(p.angular_acceleration, order, team);
+    permute(p.species, order, team);
+    permute(p.release, order, team);
+    permute(p.image, order, team);
+}
+
+} // namespace talus::search

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "io/model_file.hpp"
+
+#include "io/atomic_file.hpp"
+#include "io/schema.hpp"
+#include "io/tiled_columns.hpp"
+#include "io/validate.hpp"
+#include "io/xdmf.hpp"
+
+namespace talus::io {
+namespace {
+
+constexpr auto compressed = hdf::Filter::compressed;
+
+std::string write_explicit(const hdf::File& to, const std::string& path, const Grains& grains) {
+    check_grains(to.context(), grains);
+    const hdf::Group root = to.root();
+    const hdf::Group particles = root.create_group("particles/all");
+    const std::string where = "/particles/all/";
+    const std::size_t n = grains.size();
+    if (grains.box)
+        write_box(particles, *grains.box);
+    write_vectors(particles, "position", grains.position, "m");
+    write_origin(particles.dataset("position"), grains.origin, grains.coordinate_system);
+    particles.write("radius", grains.radius, {.unit = "m", .filter = compressed});
+    std::vector<XdmfArray> shown = {{.name = "position", .path = where + "position", .rows = n, .width = 3},
+                                    {.name = "radius", .path = where + "radius", .rows = n}};
+    if (!grains.mass.empty()) {
+        particles.write("mass", grains.mass, {.unit = "kg", .filter = compressed});
+        shown.push_back({.name = "mass", .path = where + "mass", .rows = n});
+    }
+    if (!grains.velocity.empty()) {
+        write_vectors(particles, "velocity", grains.velocity, "m s-1");
+        shown.push_back({.name = "velocity", .path = where + "velocity", .rows = n, .width = 3});
+    }
+    if (!grains.angular_velocity.empty()) {
+        write_vectors(particles, "angular_velocity", grains.angular_velocity, "rad s-1");
+        shown.push_back(
+            {.name = "angular_velocity", .path = where + "angular_velocity", .rows = n, .width = 3});
+    }
+    if (!grains.species.empty()) {
+        write_species(particles, grains.species);
+        shown.push_back(
+            {.name = "species", .path = where + "species", .rows = n, .number = "UChar", .precision = 1});
+    }
+    if (!grains.release.empty()) {
+        particles.write("release", grains.release, {.filter = compressed});
+        shown.push_back(
+            {.name = "release", .path = where + "release", .rows = n, .number = "UChar", .precision = 1});
+    }
+    if (grains.contacts.size() > 0)
+        write_contacts(root, grains.contacts);
+    return xdmf_points(path, "particles", shown);
+}
+
+/// Overlaps that another program's file leaves out, from the geometry.
+void fill_overlaps(Grains& grains) {
+    ContactTable& contacts = grains.contacts;
+    if (!contacts.normal_overlap.empty() || contacts.size() == 0)
+        return;
+    const Vec3 edges = grains.box ? grains.box->lengths() : Vec3{};
+    const auto n = static_cast<std::int64_t>(grains.size());
+    contacts.normal_overlap.resize(contacts.size());
+    for (std::size_t c = 0; c < contacts.size(); ++c) {
+        const auto [i, j] = contacts.pair[c];
+        if (i < 0 || j < 0 || i >= n || j >= n)
+            continue; // refused below
+        const auto a = static_cast<std::size_t>(i), b = static_cast<std::size_t>(j);
+        Vec3 branch = grains.position[b] - grains.position[a];
+        for (int k = 0; k < 3; ++k)
+            branch[k] += contacts.image[c][static_cast<std::size_t>(k)] * edges[k];
+        contacts.normal_overlap[c] = grains.radius[a] + grains.radius[b] - norm(branch);
+    }
+}
+
+Grains read_explicit(const hdf::File& from) {
+    const hdf::Group root = from.root();
+    const hdf::Group particles = root.group("particles/all");
+    Grains grains;
+    grains.position = read_vectors(particles, "position");
+    grains.origin = read_origin(particles);
+    grains.coordinate_system = hdf::attribute_text(particles, "position", "coordinate_system").value_or("");
+    grains.radius = read_scalars(particles, "radius");
+    check_length(from.context(), "/particles/all/radius", grains.radius.size(), grains.size());
+    if (particles.has("mass"))
+        grains.mass = read_scalars(particles, "mass");
+    if (particles.has("velocity"))
+        grains.velocity = read_vectors(particles, "velocity");
+    if (particles.has("angular_velocity"))
+        grains.angular_velocity = read_vectors(particles, "angular_velocity");
+    if (particles.has("species"))
+        grains.species = read_species(particles);
+    if (particles.has("release"))
+        for (const std::int32_t mark : read_integers(particles, "release"))
+            grains.release.push_back(mark != 0);
+    grains.box = read_box(particles);
+    grains.contacts = read_contacts(root);
+    fill_overlaps(grains);
+    check_grains(from.context(), grains);
+    return grains;
+}
+
+} // namespace
+
+void write_model(const std::string& path, const ModelFile& file, bool overwrite) {
+    AtomicFile output(path, overwrite);
+    AtomicFile sidecar(sidecar_path(path), true);
+    hdf::File to = create_file(output.partial(), path, FileKind::model, file.provenance, file.config);
+    if (const auto* tiled = std::get_if<TiledModel>(&file.model))
+        sidecar.write(write_tiled(to, path, *tiled));
+    else
+        sidecar.write(write_explicit(to, path, std::get<Grains>(file.model)));
+    complete_and_close(to);
+    output.commit();
+    sidecar.commit();
+}
+
+ModelFile read_model(const std::string& path) {
+    const hdf::File from = open_file(path, FileKind::model);
+    ModelFile file;
+    if (from.root().is_group("granular/tiling"))
+        file.model = read_tiled(from);
+    else
+        file.model = read_explicit(from);
+    file.provenance = read_provenance(from);
+    file.config = read_config(from);
+    return file;
+}
+
+} // namespace talus::io

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "base/vec3.hpp"
+#include "io/provenance.hpp"
+#include "particles/box.hpp"
+#include "particles/grains.hpp"
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace talus::io {
+
+/// What stays the same over a trajectory; row i is particle i. Empty columns are not written.
+struct TrajectoryStatic {
+    std::vector<double> radius;        ///< m
+    std::vector<double> mass;          ///< kg
+    std::vector<Species> species;      ///< empty: all grain
+    std::vector<std::uint8_t> release; ///< 1: released mass; empty: none
+    Vec3 origin;                       ///< m, of the local coordinates in the map's system
+    std::string coordinate_system;     ///< WKT; empty: none
+    Box box;                           ///< m, relative to `origin`
+    bool float64 = false;              ///< vectors of frames in f64 instead of f32
+
+    std::size_t size() const { return radius.size(); }
+};
+
+/// Where a stage of the run starts.
+struct StageMark {
+    std::string name;
+    std::int64_t step = 0;
+    double time = 0; ///< s
+    friend bool operator==(const StageMark&, const StageMark&) = default;
+};
+
+/// A bond that broke: between particles i < j, at `position` (m, relative to the origin).
+struct BondBreakage {
+    std::int64_t step = 0;
+    double time = 0; ///< s
+    std::int64_t i = 0, j = 0;
+    Vec3 position;
+    std::uint8_t mode = 0; ///< 0 tension, 1 shear, 2 release
+    friend bool operator==(const BondBreakage&, const BondBreakage&) = default;
+};
+
+/// Writes `*.traj.h5` frame by frame under the temporary name partial_path(path); a killed run leaves all
+/// frames before the last call of frame() readable there. Without finish() the destructor removes the file.
+/// Every call throws Error run_failed where writing fails; the file is then removed, too.
+/// Not for use by two threads at once (HDF5 is not).
+class TrajectoryWriter {
+public:
+    /// @throws Error output_exists where `path` exists and `overwrite` is false.
+    TrajectoryWriter(const std::string& path, TrajectoryStatic statics, const Provenance& provenance,
+                     const std::string& config, bool overwrite);
+    ~TrajectoryWriter();
+    TrajectoryWriter(TrajectoryWriter&&) noexcept;
+    TrajectoryWriter& operator=(TrajectoryWriter&&) = delete;
+
+    using Field = std::pair<std::string, std::span<const Vec3>>;
+
+    /// Appends one frame and flushes. The first call fixes the fields; "position" (m, relative to the origin)
+    /// is one of them, "velocity" (m s-1), "angular_velocity" (rad s-1), "force" (N) may be. Row i = particle
+    /// i.
+    void frame(std::int64_t step, double time, const std::vector<Field>& fields);
+
+    /// Appends a row to /granular/series/<name>; names may contain '/'. The first call fixes the columns;
+    /// "step" and "time" are two of them. Rows reach the file with the next frame or every 1024 rows.
+    void series(const std::vector<std::pair<std::string, double>>& row);
+
+    void bond_breakages(std::span<const BondBreakage> breakages);
+    void stage(const StageMark& mark);
+
+    /// Brings everything written so far to the file.
+    void flush();
+    /// Ends writing but leaves the incomplete file under partial_path(path), for a resumed run to copy from.
+    void suspend();
+    /// Marks the file complete, writes the XDMF sidecar, syncs and renames to the final name.
+    void finish();
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+/// The unit of a series column by its name's last part ("force_z": "N", "time": "s"); empty where it is a
+/// number without dimension or unknown.
+std::string_view series_unit(std::string_view name);
+
+/// Reads `*.traj.h5`. Everything throws Error input_invalid naming file, place and cure.
+class TrajectoryReader {
+public:
+    enum class Accept { complete, incomplete };
+
+    /// @param accept `incomplete` opens what a killed run left, too.
+    explicit TrajectoryReader(const std::string& path, Accept accept = Accept::complete);
+    ~TrajectoryReader();
+    TrajectoryReader(TrajectoryReader&&) noexcept;
+    TrajectoryReader& operator=(TrajectoryReader&&) noexcept;
+
+    const TrajectoryStatic& statics() const;
+    bool complete() const;
+    std::size_t frames() const;
+    double time(std::size_t frame) const; ///< s
+    std::int64_t step(std::size_t frame) const;
+    bool has(const std::string& field) const;
+    std::vector<std::string> fields() const;
+    /// Row i = particle i; positions relative to statics().origin.
+    std::vector<Vec3> read(std::size_t frame, const std::string& field) const;
+
+    std::vector<StageMark> stages() const;
+    std::vector<std::string> series_names() const; ///< sorted
+    std::vector<double> series(const std::string& name) const;
+    std::vector<BondBreakage> bond_breakages() const;
+    Provenance provenance() const;
+    std::string config() const;
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+} // namespace talus::io

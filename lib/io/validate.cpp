@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "io/validate.hpp"
+
+#include <bit>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace talus::io {
+
+void check_finite(const hdf::Context& context, const std::string& place, std::span<const Vec3> values) {
+    for (std::size_t i = 0; i < values.size(); ++i)
+        if (!is_finite(values[i]))
+            context.fail(place,
+                         fmt::format("row {} is ({}, {}, {}), not finite; correct or remove that particle", i,
+                                     values[i].x, values[i].y, values[i].z));
+}
+
+void check_positive(const hdf::Context& context, const std::string& place, std::span<const double> values) {
+    for (std::size_t i = 0; i < values.size(); ++i)
+        if (!(values[i] > 0) || !std::isfinite(values[i]))
+            context.fail(
+                place, fmt::format("row {} is {}; a finite number above 0 is needed, correct or remove that "
+                                   "particle",
+                                   i, values[i]));
+}
+
+void check_length(const hdf::Context& context, const std::string& place, std::size_t length,
+                  std::size_t wanted) {
+    if (length != wanted)
+        context.fail(place,
+                     fmt::format("has {} rows, position has {}; write one row a particle", length, wanted));
+}
+
+void check_contacts(const hdf::Context& context, const std::string& group, const ContactTable& contacts,
+                    std::size_t particles) {
+    const auto n = static_cast<std::int64_t>(particles);
+    if (contacts.image.size() != contacts.size() || contacts.normal_overlap.size() != contacts.size())
+        context.fail(
+            group,
+            fmt::format("contacts have {} pairs, {} images and {} overlaps; write one of each a contact",
+                        contacts.size(), contacts.image.size(), contacts.normal_overlap.size()));
+    for (std::size_t c = 0; c < contacts.size(); ++c) {
+        const auto [i, j] = contacts.pair[c];
+        if (i < 0 || i >= j || j >= n)
+            context.fail(group,
+                         fmt::format("contact {} joins {} and {}; 0 <= i < j < {} is needed, write each pair "
+                                     "once, the smaller row first",
+                                     c, i, j, n));
+        if (!std::isfinite(contacts.normal_overlap[c]))
+            context.fail(group,
+                         fmt::format("contact {} has the overlap {}; a finite number is needed, measure it "
+                                     "again",
+                                     c, contacts.normal_overlap[c]));
+    }
+}
+
+void check_pgbox(const hdf::Context& context, const std::string& group, const PgBox& box) {
+    const std::string position = group + "/position";
+    if (box.position.empty())
+        context.fail(position, "holds no particle; make the box anew");
+    if (!(box.length > 0) || !std::isfinite(box.length))
+        context.fail(group + "/box",
+                     fmt::format("the box's length is {}; a finite number above 0 is needed", box.length));
+    if (!(box.density > 0) || !std::isfinite(box.density))
+        context.fail(group, fmt::format("the density is {}; a finite number above 0 is needed", box.density));
+    check_finite(context, position, box.position);
+    for (std::size_t i = 0; i < box.size(); ++i)
+        for (int k = 0; k < 3; ++k)
+            if (box.position[i][k] < 0 || box.position[i][k] >= box.length)
+                context.fail(position,
+                             fmt::format("row {} lies at {}, outside [0, {}) m; wrap it into the box", i,
+                                         box.position[i][k], box.length));
+    check_length(context, group + "/radius", box.radius.size(), box.size());
+    check_positive(context, group + "/radius", box.radius);
+    check_contacts(context, group == "/particles/all" ? "/connectivity/contacts" : group + "/contacts",
+                   box.contacts, box.size());
+}
+
+void check_grains(const hdf::Context& context, const Grains& grains) {
+    const std::string group = "/particles/all/";
+    const std::size_t n = grains.size();
+    if (n == 0)
+        context.fail(group + "position", "holds no particle; a model needs at least one");
+    if (!is_finite(grains.origin))
+        context.fail(group + "position", "the origin is not finite; give three numbers in m");
+    check_finite(context, group + "position", grains.position);
+    check_length(context, group + "radius", grains.radius.size(), n);
+    check_positive(context, group + "radius", grains.radius);
+    if (!grains.mass.empty()) {
+        check_length(context, group + "mass", grains.mass.size(), n);
+        check_positive(context, group + "mass", grains.mass);
+    }
+    for (const auto& [name, column] :
+         {std::pair{"velocity", &grains.velocity}, std::pair{"angular_velocity", &grains.angular_velocity}})
+        if (!column->empty()) {
+            check_length(context, group + name, column->size(), n);
+            check_finite(context, group + name, *column);
+        }
+    if (!grains.species.empty())
+        check_length(context, group + "species", grains.species.size(), n);
+    if (!grains.release.empty())
+        check_length(context, group + "release", grains.release.size(), n);
+    check_contacts(context, "/connectivity/contacts", grains.contacts, n);
+}
+
+namespace {
+
+/// Bits set in a tile's mask; bits beyond the last row must not be.
+std::size_t count_bits(std::span<const std::uint8_t> mask) {
+    std::size_t bits = 0;
+    for (const std::uint8_t byte : mask)
+        bits += static_cast<std::size_t>(std::popcount(byte));
+    return bits;
+}
+
+bool is_subset(std::span<const std::uint8_t> mask, std::span<const std::uint8_t> of) {
+    for (std::size_t k = 0; k < mask.size(); ++k)
+        if ((mask[k] & ~of[k]) != 0)
+            return false;
+    return true;
+}
+
+} // namespace
+
+void check_tiled(const hdf::Context& context, const TiledModel& model) {
+    const std::string group = "/granular/tiling";
+    if (model.boxes.empty())
+        context.fail("/granular/boxes", "holds no PG box; make the model anew");
+    for (std::size_t b = 0; b < model.boxes.size(); ++b) {
+        check_pgbox(context, fmt::format("/granular/boxes/{:04}", b), model.boxes[b]);
+        if (model.boxes[b].length != model.boxes.front().length)
+            context.fail(fmt::format("/granular/boxes/{:04}", b),
+                         "differs in length from box 0; use boxes of one length");
+    }
+    if (!(model.scale > 0) || !std::isfinite(model.scale))
+        context.fail(group, fmt::format("scale is {}; a finite number above 0 is needed", model.scale));
+    if (!is_finite(model.origin) || !is_finite(model.domain.lower) || !is_finite(model.domain.upper))
+        context.fail(group, "origin or domain is not finite; make the model anew");
+    if (model.size() == 0)
+        context.fail(group, "holds no particle; make the region larger or the tiles smaller");
+    std::uint64_t next = 0;
+    std::size_t byte = 0;
+    for (std::size_t t = 0; t < model.tiles.size(); ++t) {
+        const TiledModel::Tile& tile = model.tiles[t];
+        const auto broken = [&](const std::string& what) {
+            context.fail(group, fmt::format("tile {}: {}; make the model anew", t, what));
+        };
+        if (tile.box >= model.boxes.size())
+            broken(fmt::format("names box {} of {}", tile.box, model.boxes.size()));
+        if (tile.first_particle != next)
+            broken(fmt::format("starts with particle {}, not {}", tile.first_particle, next));
+        next += tile.kept;
+        const std::size_t grains = model.boxes[tile.box].size();
+        if (tile.kind == TileClass::full) {
+            if (tile.kept != grains)
+                broken(fmt::format("is full, but keeps {} of {} grains", tile.kept, grains));
+            continue;
+        }
+        const std::size_t bytes = (grains + 7) / 8;
+        if (byte + bytes > model.kept_mask.size())
+            broken("lies beyond the end of kept_mask");
+        const auto part = [&](const std::vector<std::uint8_t>& mask) {
+            return mask.empty() ? std::span<const std::uint8_t>() : std::span(mask).subspan(byte, bytes);
+        };
+        for (const auto* mask : {&model.fixed_mask, &model.release_mask})
+            if (!mask->empty() && mask->size() != model.kept_mask.size())
+                broken("masks differ in length");
+        const auto kept = part(model.kept_mask);
+        if (grains % 8 != 0 && kept.back() >> (grains % 8) != 0)
+            broken("keeps grains beyond its box's last row");
+        if (count_bits(kept) != tile.kept)
+            broken(fmt::format("keeps {} grains, its mask {}", tile.kept, count_bits(kept)));
+        if (!is_subset(part(model.fixed_mask), kept) || !is_subset(part(model.release_mask), kept))
+            broken("fixes or releases grains that it does not keep");
+        byte += bytes;
+    }
+    if (byte != model.kept_mask.size())
+        context.fail(group + "/kept_mask",
+                     fmt::format("has {} bytes, the cut tiles need {}; make the model anew",
+                                 model.kept_mask.size(), byte));
+}
+
+} // namespace talus::io

@@ -1,0 +1,282 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tiling/expand.hpp"
+
+#include "base/error.hpp"
+#include "tiling/lattice.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cstdlib>
+#include <cstring>
+#include <fmt/format.h>
+
+namespace talus::tiling {
+
+namespace {
+
+constexpr std::uint32_t no_tile = std::numeric_limits<std::uint32_t>::max();
+
+[[noreturn]] void refuse(const std::string& what) {
+    throw Error(ExitCode::input_invalid, fmt::format("tiled model: {}; make it again with tile-trim", what));
+}
+
+std::uint8_t neighbour_number(int dx, int dy, int dz) {
+    return static_cast<std::uint8_t>((dz + 1) * 9 + (dy + 1) * 3 + dx + 1);
+}
+
+/// Rows 64 word to 64 word + 63 of a mask of `bytes` bytes, row by row from the lowest bit.
+std::uint64_t mask_word(const std::uint8_t* mask, std::size_t word, std::size_t bytes) {
+    static_assert(std::endian::native == std::endian::little, "masks are read as words");
+    std::uint64_t bits = 0;
+    std::memcpy(&bits, mask + word * 8, std::min<std::size_t>(8, bytes - word * 8));
+    return bits;
+}
+
+} // namespace
+
+Expander::Expander(const TiledModel& model) : model_(model) {
+    if (model.boxes.empty())
+        refuse("has no box");
+    for (const PgBox& box : model.boxes) {
+        if (box.length != model.boxes.front().length)
+            refuse("its boxes have different lengths");
+        contacts_.push_back(both_ways(box));
+    }
+    check_and_index();
+}
+
+Expander::BoxContacts Expander::both_ways(const PgBox& box) {
+    BoxContacts result;
+    result.start.assign(box.size() + 1, 0);
+    const ContactTable& c = box.contacts;
+    for (std::size_t k = 0; k < c.size(); ++k) {
+        for (int side = 0; side < 2; ++side)
+            if (c.pair[k][static_cast<std::size_t>(side)] < 0 ||
+                c.pair[k][static_cast<std::size_t>(side)] >= static_cast<std::int64_t>(box.size()))
+                refuse(fmt::format("contact {} names a grain that is not in the box", k));
+        for (std::int8_t image : c.image[k])
+            if (std::abs(image) > 1)
+                refuse(fmt::format("contact {} reaches beyond the neighbouring image", k));
+        ++result.start[static_cast<std::size_t>(c.pair[k][0]) + 1];
+        ++result.start[static_cast<std::size_t>(c.pair[k][1]) + 1];
+    }
+    for (std::size_t row = 0; row < box.size(); ++row)
+        result.start[row + 1] += result.start[row];
+    std::vector<std::uint32_t> fill(result.start.begin(), result.start.end() - 1);
+    result.partner.resize(result.start.back());
+    for (std::size_t k = 0; k < c.size(); ++k) {
+        const auto i = static_cast<std::uint32_t>(c.pair[k][0]), j = static_cast<std::uint32_t>(c.pair[k][1]);
+        const auto& m = c.image[k];
+        result.partner[fill[i]++] = {j, neighbour_number(m[0], m[1], m[2]), c.normal_overlap[k]};
+        result.partner[fill[j]++] = {i, neighbour_number(-m[0], -m[1], -m[2]), c.normal_overlap[k]};
+    }
+    return result;
+}
+
+void Expander::check_and_index() {
+    const std::size_t count = model_.tiles.size();
+    mask_start_.resize(count);
+    rank_start_.resize(count);
+    std::uint64_t bytes = 0, ranks = 0, first = 0;
+    for (std::size_t t = 0; t < count; ++t) {
+        const TiledModel::Tile& tile = model_.tiles[t];
+        if (tile.box >= model_.boxes.size())
+            refuse(fmt::format("tile {} names box {}, there are {}", t, tile.box, model_.boxes.size()));
+        if (tile.first_particle != first)
+            refuse(fmt::format("tile {} starts at particle {}, {} expected", t, tile.first_particle, first));
+        first += tile.kept;
+        mask_start_[t] = bytes;
+        rank_start_[t] = ranks;
+        const std::size_t size = model_.boxes[tile.box].size();
+        if (tile.kind == TileClass::cut) {
+            bytes += mask_bytes(size);
+            ranks += (size + 63) / 64;
+        } else if (tile.kept != size) {
+            refuse(fmt::format("full tile {} keeps {} of {} grains", t, tile.kept, size));
+        }
+    }
+    const auto fits = [&](const std::vector<std::uint8_t>& masks) {
+        return masks.empty() || masks.size() == bytes;
+    };
+    if (model_.kept_mask.size() != bytes || !fits(model_.fixed_mask) || !fits(model_.release_mask))
+        refuse("masks do not fit the cut tiles");
+    rank_.resize(ranks);
+    for (std::size_t t = 0; t < count; ++t) {
+        const TiledModel::Tile& tile = model_.tiles[t];
+        if (tile.kind != TileClass::cut)
+            continue;
+        const std::size_t tile_bytes = mask_bytes(model_.boxes[tile.box].size());
+        const std::uint8_t* kept = mask(model_.kept_mask, t);
+        std::uint32_t before = 0;
+        for (std::size_t word = 0; word * 8 < tile_bytes; ++word) {
+            rank_[rank_start_[t] + word] = before;
+            before += static_cast<std::uint32_t>(std::popcount(mask_word(kept, word, tile_bytes)));
+        }
+        if (before != tile.kept)
+            refuse(fmt::format("tile {} keeps {} grains, its mask {}", t, tile.kept, before));
+    }
+    by_index_.resize(count);
+    for (std::size_t t = 0; t < count; ++t)
+        by_index_[t] = static_cast<std::uint32_t>(t);
+    std::sort(by_index_.begin(), by_index_.end(), [this](std::uint32_t a, std::uint32_t b) {
+        return model_.tiles[a].index < model_.tiles[b].index;
+    });
+    for (std::size_t k = 1; k < count; ++k)
+        if (model_.tiles[by_index_[k]].index == model_.tiles[by_index_[k - 1]].index)
+            refuse(fmt::format("tile {} lies on tile {}", by_index_[k], by_index_[k - 1]));
+}
+
+const std::uint8_t* Expander::mask(const std::vector<std::uint8_t>& masks, std::size_t tile) const {
+    return masks.data() + mask_start_[tile];
+}
+
+std::uint64_t Expander::particle(std::size_t tile, std::size_t row) const {
+    const TiledModel::Tile& t = model_.tiles[tile];
+    if (t.kind == TileClass::full)
+        return t.first_particle + row;
+    const std::size_t word = row / 64;
+    const std::uint64_t bits =
+        mask_word(mask(model_.kept_mask, tile), word, mask_bytes(model_.boxes[t.box].size()));
+    const std::uint64_t bit = std::uint64_t{1} << (row % 64);
+    if ((bits & bit) == 0)
+        return no_particle;
+    return t.first_particle + rank_[rank_start_[tile] + word] +
+           static_cast<std::uint64_t>(std::popcount(bits & (bit - 1)));
+}
+
+bool Expander::fixed(std::size_t tile, std::size_t row) const {
+    return model_.tiles[tile].kind == TileClass::cut && !model_.fixed_mask.empty() &&
+           mask_bit(mask(model_.fixed_mask, tile), row);
+}
+
+Expander::Neighbourhood Expander::neighbourhood(std::size_t tile) const {
+    Neighbourhood result;
+    const auto& centre = model_.tiles[tile].index;
+    for (int dz = -1; dz <= 1; ++dz)
+        for (int dy = -1; dy <= 1; ++dy)
+            for (int dx = -1; dx <= 1; ++dx) {
+                const std::array<std::int32_t, 3> index{centre[0] + dx, centre[1] + dy, centre[2] + dz};
+                const auto found = std::lower_bound(
+                    by_index_.begin(), by_index_.end(), index,
+                    [this](std::uint32_t t, const auto& i) { return model_.tiles[t].index < i; });
+                const bool there = found != by_index_.end() && model_.tiles[*found].index == index &&
+                                   model_.tiles[*found].box == model_.tiles[tile].box;
+                result[neighbour_number(dx, dy, dz)] = there ? *found : no_tile;
+            }
+    return result;
+}
+
+void Expander::write_particles(std::size_t tile, Grains& grains, std::uint64_t base) const {
+    const TiledModel::Tile& t = model_.tiles[tile];
+    const PgBox& box = model_.boxes[t.box];
+    const Vec3 corner = tile_corner(t.index, model_.edge());
+    const bool cut = t.kind == TileClass::cut;
+    const std::uint8_t* kept = cut ? mask(model_.kept_mask, tile) : nullptr;
+    auto k = static_cast<std::size_t>(t.first_particle - base);
+    for (std::size_t row = 0; row < box.size(); ++row) {
+        if (cut && !mask_bit(kept, row))
+            continue;
+        grains.position[k] = grain_position(corner, model_.scale, box.position[row]);
+        grains.radius[k] = box.radius[row] * model_.scale;
+        if (cut && !grains.species.empty() && mask_bit(mask(model_.fixed_mask, tile), row))
+            grains.species[k] = Species::fixed;
+        if (cut && !grains.release.empty())
+            grains.release[k] = mask_bit(mask(model_.release_mask, tile), row) ? 1 : 0;
+        ++k;
+    }
+}
+
+/// Visits (i, j, overlap in box metres) of the contacts whose lower particle lies in the tile, sorted by (i,
+/// j).
+template <class Visit>
+void Expander::for_each_contact(std::size_t tile, ContactsWanted wanted, Visit&& visit) const {
+    const TiledModel::Tile& t = model_.tiles[tile];
+    const BoxContacts& contacts = contacts_[t.box];
+    const Neighbourhood near = neighbourhood(tile);
+    struct Found {
+        std::uint64_t j;
+        double normal_overlap;
+    };
+    std::vector<Found> found;
+    for (std::size_t row = 0; row < model_.boxes[t.box].size(); ++row) {
+        const std::uint64_t i = particle(tile, row);
+        if (i == no_particle)
+            continue;
+        const bool i_fixed = fixed(tile, row);
+        found.clear();
+        for (std::uint32_t k = contacts.start[row]; k < contacts.start[row + 1]; ++k) {
+            const Partner& partner = contacts.partner[k];
+            const std::uint32_t other = near[partner.neighbour];
+            if (other == no_tile || other < tile)
+                continue;
+            const std::uint64_t j = particle(other, partner.row);
+            if (j == no_particle || j <= i)
+                continue;
+            if (wanted == ContactsWanted::mobile && i_fixed && fixed(other, partner.row))
+                continue;
+            found.push_back({j, partner.normal_overlap});
+        }
+        std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.j < b.j; });
+        for (const Found& f : found)
+            visit(i, f.j, f.normal_overlap);
+    }
+}
+
+Grains Expander::tiles(std::size_t first_tile, std::size_t last_tile, ContactsWanted wanted,
+                       ThreadTeam& team) const {
+    Grains grains;
+    grains.origin = model_.origin;
+    grains.coordinate_system = model_.coordinate_system;
+    grains.box = model_.domain;
+    last_tile = std::min(last_tile, model_.tiles.size());
+    if (first_tile >= last_tile)
+        return grains;
+    const std::uint64_t base = model_.tiles[first_tile].first_particle;
+    const auto count = static_cast<std::size_t>(model_.tiles[last_tile - 1].first_particle +
+                                                model_.tiles[last_tile - 1].kept - base);
+    grains.position.resize(count);
+    grains.radius.resize(count);
+    if (!model_.fixed_mask.empty())
+        grains.species.assign(count, Species::grain);
+    if (!model_.release_mask.empty())
+        grains.release.assign(count, 0);
+
+    const std::size_t tile_count = last_tile - first_tile;
+    const auto each_tile = [&](auto&& body) {
+        std::atomic<std::size_t> next{0};
+        team.run([&](int) {
+            for (std::size_t k = next++; k < tile_count; k = next++)
+                body(k);
+        });
+    };
+    std::vector<std::uint64_t> start(tile_count + 1, 0);
+    each_tile([&](std::size_t k) {
+        write_particles(first_tile + k, grains, base);
+        if (wanted != ContactsWanted::none)
+            for_each_contact(first_tile + k, wanted,
+                             [&](std::uint64_t, std::uint64_t, double) { ++start[k + 1]; });
+    });
+    if (wanted == ContactsWanted::none)
+        return grains;
+    for (std::size_t k = 0; k < tile_count; ++k)
+        start[k + 1] += start[k];
+    ContactTable& table = grains.contacts;
+    table.pair.resize(start.back());
+    table.image.resize(start.back());
+    table.normal_overlap.resize(start.back());
+    each_tile([&](std::size_t k) {
+        std::size_t at = start[k];
+        for_each_contact(first_tile + k, wanted, [&](std::uint64_t i, std::uint64_t j, double overlap) {
+            table.pair[at] = {static_cast<std::int64_t>(i), static_cast<std::int64_t>(j)};
+            table.normal_overlap[at++] = overlap * model_.scale;
+        });
+    });
+    return grains;
+}
+
+Grains expand(const TiledModel& model, ThreadTeam& team, ContactsWanted wanted) {
+    return Expander(model).tiles(0, model.tiles.size(), wanted, team);
+}
+
+} // namespace talus::tiling

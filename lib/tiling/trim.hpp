@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "base/thread_team.hpp"
+#include "particles/tiled_model.hpp"
+#include "tiling/region.hpp"
+
+#include <cstdint>
+
+namespace talus::tiling {
+
+/// What was kept, and what was looked at to know it.
+struct TrimCounts {
+    std::uint64_t particle_count = 0, fixed_count = 0, release_count = 0;
+    std::uint64_t tiles_total = 0;   ///< of the region's bounding box: full + cut + skipped
+    std::uint64_t tiles_full = 0;    ///< all grains kept without a mark; counted, not tested
+    std::uint64_t tiles_cut = 0;     ///< with masks, or looked into and found empty
+    std::uint64_t tiles_skipped = 0; ///< outside
+    std::uint64_t tiles_visited = 0; ///< asked for their cover; all others were passed over by column
+    std::uint64_t blocks_tested = 0; ///< blocks of cut tiles asked for their cover
+    std::uint64_t grains_tested = 0; ///< grains asked one by one
+    double kept_volume = 0;          ///< m3, sum of the kept grains' spheres
+};
+
+struct TrimResult {
+    TiledModel model;
+    TrimCounts counts;
+};
+
+/// Volume of the grains over the volume of the box (overlaps counted twice).
+double solid_volume_fraction(const PgBox& box);
+
+double largest_radius(const PgBox& box);
+
+/// Copies `box`, scaled, over the region and keeps the grains that the region keeps. Walks columns of tiles,
+/// in each the tiles that may touch the region, in cut tiles blocks of grains, in mixed blocks the grains.
+///
+/// Tiles are ordered by column (x fastest, then y), upwards within each. The result does not depend on the
+/// number of threads.
+/// @param scale model metres per box metre
+/// @throws Error(configuration_invalid) for an empty result, or a model whose tile indices do not fit 32 bits
+TrimResult trim(const PgBox& box, double scale, const Region& region, ThreadTeam& team);
+
+/// What trim would give, without making it.
+struct TrimForecast {
+    TrimCounts counts;                ///< tile counts exact; particle counts exact where sample_stride is 1
+    std::uint64_t sample_stride = 1;  ///< one grain of so many was tested in mixed blocks
+    std::uint64_t cut_tiles_kept = 0; ///< of them with masks in the file
+    std::uint64_t tiled_bytes =
+        0; ///< of the tiled model in memory; an upper bound of its file, which compresses
+    std::uint64_t explicit_bytes = 0; ///< written out particle by particle, with contacts
+};
+
+/// @param test_limit about how many grains may be tested
+TrimForecast forecast(const PgBox& box, double scale, const Region& region, ThreadTeam& team,
+                      std::uint64_t test_limit = 2'000'000);
+
+} // namespace talus::tiling

@@ -1,0 +1,265 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "measure/pictures.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <iterator>
+#include <numbers>
+
+namespace talus::measure {
+
+namespace {
+
+/// A here-document under construction.
+class Text {
+public:
+    template <class... Args>
+    Text& add(fmt::format_string<Args...> format, Args&&... args) {
+        fmt::format_to(std::back_inserter(text_), format, std::forward<Args>(args)...);
+        text_ += '\n';
+        return *this;
+    }
+    std::string take() { return std::move(text_); }
+
+private:
+    std::string text_;
+};
+
+std::string quoted(const std::string& text) {
+    std::string out = "'";
+    for (char c : text) {
+        out += c == '\n' ? ' ' : c;
+        if (c == '\'')
+            out += '\'';
+    }
+    return out + "'";
+}
+
+constexpr const char* style = "set border 3 lc rgb '#606060'\nset tics nomirror out\n"
+                              "set grid lc rgb '#e4e4e4' lt 1\n";
+
+/// An energy's unit so that `largest` reads between 1 and 1000.
+std::pair<double, const char*> energy_unit(double largest) {
+    for (const auto& [scale, name] :
+         {std::pair{1e12, "TJ"}, {1e9, "GJ"}, {1e6, "MJ"}, {1e3, "kJ"}, {1.0, "J"}})
+        if (largest >= scale)
+            return {scale, name};
+    return largest > 0 ? std::pair{1e-3, "mJ"} : std::pair{1.0, "J"};
+}
+
+} // namespace
+
+double round_step(double span, double parts) {
+    const double raw = span / parts;
+    if (!(raw > 0) || !std::isfinite(raw))
+        return 1;
+    const double power = std::pow(10.0, std::floor(std::log10(raw)));
+    for (double m : {1.0, 2.0, 5.0})
+        if (raw <= m * power * 1.000001)
+            return m * power;
+    return 10 * power;
+}
+
+Picture packing_picture(const PackingMeasures& m, const std::string& title) {
+    Text t;
+    constexpr std::size_t bins = OverlapDistribution::bins;
+    t.add("$rose << EOD");
+    for (std::size_t quarter = 0; quarter < 4; ++quarter) // folded angles, mirrored to the full circle
+        for (std::size_t k = 0; k < bins; ++k) {
+            const double value = m.overlaps.value[quarter % 2 ? bins - 1 - k : k];
+            for (double edge : {0.0, 1.0}) {
+                const double angle = (static_cast<double>(quarter * bins + k) + edge) * std::numbers::pi / 36;
+                t.add("{:.6g} {:.6g}", value * std::sin(angle), value * std::cos(angle));
+            }
+        }
+    t.add("EOD\n$radial << EOD");
+    for (std::size_t b = 0; b < m.radial.g.size(); ++b)
+        t.add("{:.6g} {:.6g}", m.radial.r_over_diameter[b], m.radial.g[b]);
+    t.add("EOD");
+    t.add("{}set multiplot layout 1,2 title {} noenhanced", style, quoted(title));
+    const double noise = m.overlaps.counting_noise;
+    const double reach =
+        1.1 * std::max(1 + noise, *std::max_element(m.overlaps.value.begin(), m.overlaps.value.end()));
+    t.add("set title 'Overlap by polar angle to the vertical, mean 1'");
+    t.add(
+        "set size ratio -1\nset xrange [{0}:{1}]\nset yrange [{0}:{1}]\nset parametric\nset trange [0:2*pi]",
+        -reach, reach);
+    t.add("set xlabel 'horizontal'\nset ylabel 'vertical (z)'\nset key outside bottom center horizontal "
+          "maxrows 3");
+    t.add(
+        "plot $rose using 1:2 with filledcurves closed fs solid 0.35 lc rgb '#4393c3' notitle, "
+        "$rose using 1:2 with lines lw 2 lc rgb '#2166ac' title sprintf('measured, RSD %.2f %%', {}), "
+        "sin(t),cos(t) with lines lw 1.5 lc rgb '#202020' title 'isotropic', "
+        "{}*sin(t),{}*cos(t) with lines dt 2 lc rgb '#808080' title sprintf('counting noise, %.2f %%', {}), "
+        "{}*sin(t),{}*cos(t) with lines dt 2 lc rgb '#808080' notitle",
+        100 * m.overlaps.relative_standard_deviation, 1 + noise, 1 + noise, 100 * noise,
+        std::max(0.0, 1 - noise), std::max(0.0, 1 - noise));
+    t.add("unset parametric\nset size noratio\nset title 'Radial distribution'");
+    const double top = m.radial.g.empty() ? 1 : *std::max_element(m.radial.g.begin(), m.radial.g.end());
+    const double last = m.radial.g.empty() ? 3 : m.radial.r_over_diameter.back();
+    t.add("set xrange [0.8:{}]\nset yrange [0:{}]", last, std::min(1.05 * top, 6.0));
+    t.add("set xlabel 'distance over mean diameter r/d'\nset ylabel 'g(r)'");
+    t.add("set arrow 1 from {0}, graph 0 to {0}, graph 1 nohead dt 3 lc rgb '#b2182b'", std::numbers::sqrt2);
+    t.add("plot $radial using 1:2 with lines lw 1.5 lc rgb '#2166ac' title sprintf('measured (first peak "
+          "%.1f)', {}), "
+          "1 with lines lc rgb '#808080' notitle, "
+          "NaN with lines dt 3 lc rgb '#b2182b' title sprintf('crystals peak at 1.414: ratio %.2f', {})",
+          top, m.crystal.peak_ratio);
+    t.add("unset multiplot");
+    return {t.take(), 1150, 560};
+}
+
+Picture triaxial_picture(const std::vector<NamedCurve>& curves, const std::vector<TestPeak>& peaks,
+                         const std::optional<FailureEnvelope>& envelope) {
+    static const std::vector<std::string> colours = {"#2166ac", "#b2182b", "#1b7837", "#762a83", "#e08214",
+                                                     "#35978f", "#8c510a", "#c51b7d", "#4d4d4d"};
+    Text t;
+    std::vector<std::size_t> drawn;
+    for (std::size_t k = 0; k < curves.size(); ++k)
+        if (!curves[k].curve.axial_strain.empty()) {
+            drawn.push_back(k);
+            t.add("$curve{} << EOD", k);
+            const TriaxialCurve& c = curves[k].curve;
+            const std::size_t every = std::max<std::size_t>(1, c.axial_strain.size() / 2000);
+            for (std::size_t row = 0; row < c.axial_strain.size(); row += every)
+                t.add("{:.6g} {:.6g}", 100 * c.axial_strain[row], c.deviatoric_stress[row] / 1e3);
+            t.add("EOD");
+        }
+    double largest = 0, smallest = 0, highest = 0;
+    for (const TestPeak& p : peaks) {
+        largest = std::max(largest, (p.confining_stress + p.peak_deviatoric_stress) / 1e3);
+        smallest = std::min(smallest, p.confining_stress / 1e3);
+        highest = std::max(highest, p.peak_deviatoric_stress / 2e3);
+    }
+    for (std::size_t k = 0; k < peaks.size(); ++k) {
+        t.add("$circle{} << EOD", k);
+        const double r = peaks[k].peak_deviatoric_stress / 2e3, s = peaks[k].confining_stress / 1e3 + r;
+        for (int step = 0; step <= 90; ++step)
+            t.add("{:.6g} {:.6g}", s - r * std::cos(step * std::numbers::pi / 90),
+                  r * std::sin(step * std::numbers::pi / 90));
+        t.add("EOD");
+    }
+    t.add("{}set key outside bottom center vertical maxrows 5 noenhanced", style);
+    if (!drawn.empty()) {
+        t.add("set multiplot layout 1,2\nset title 'Triaxial tests'");
+        t.add("set xlabel 'axial strain (%)'\nset ylabel 'deviatoric stress (kPa)'\nset xrange [0:*]\nset "
+              "yrange [0:*]");
+        std::string plots;
+        for (std::size_t k : drawn)
+            plots += fmt::format("{}$curve{} using 1:2 with lines lw 1.5 lc rgb '{}' title {}",
+                                 plots.empty() ? "" : ", ", k, colours[k % colours.size()],
+                                 quoted(curves[k].name));
+        t.add("plot {}", plots);
+    }
+    t.add("set title 'Mohr circles at the peak'\nset xlabel 'normal stress (kPa)'\nset ylabel 'shear stress "
+          "(kPa)'");
+    t.add("set size ratio -1\nset xrange [{}:{}]\nset yrange [0:{}]", smallest, 1.05 * largest,
+          std::max(1.35 * highest, 0.45 * largest));
+    std::string plots;
+    for (std::size_t k = 0; k < peaks.size(); ++k)
+        plots += fmt::format(
+            "{}$circle{} using 1:2 with lines lw 1.5 lc rgb '{}' title 'confining stress {:.4g} kPa'",
+            plots.empty() ? "" : ", ", k, colours[k % colours.size()], peaks[k].confining_stress / 1e3);
+    if (envelope)
+        plots += fmt::format(
+            "{}{:.8g} + x * {:.8g} with lines lw 2 lc rgb '#202020' title 'c = {:.2f} kPa, phi = {:.2f} "
+            "deg'",
+            plots.empty() ? "" : ", ", envelope->cohesion / 1e3, std::tan(envelope->internal_friction_angle),
+            envelope->cohesion / 1e3, envelope->internal_friction_angle * 180 / std::numbers::pi);
+    t.add("plot {}", plots);
+    if (!drawn.empty())
+        t.add("unset multiplot");
+    return {t.take(), drawn.empty() ? 800 : 1250, 560};
+}
+
+Picture travel_picture(const TravelHistogram& h, std::size_t particles) {
+    Text t;
+    std::size_t beyond = 0;
+    double top = 0;
+    t.add("$bins << EOD");
+    for (std::size_t b = 0; b < h.fraction.size(); ++b) {
+        beyond += h.count[b];
+        top = std::max(top, 100 * h.fraction[b]);
+        t.add("{:.8g} {:.8g} {:.8g}", 0.5 * (h.bin_edges[b] + h.bin_edges[b + 1]), 100 * h.fraction[b],
+              h.bin_edges[b + 1] - h.bin_edges[b]);
+    }
+    t.add("EOD\n{}", style);
+    const double width = h.bin_edges[1] - h.bin_edges[0];
+    t.add("set title 'Travel distance: {} of {} grains went {:.4g} m or more'", beyond, particles,
+          h.bin_edges.front());
+    t.add("set xlabel 'travel distance, bins of {:.4g} m'\nset ylabel 'share of all grains (%)'", width);
+    t.add("set xrange [{}:{}]\nset yrange [0:{}]\nunset key\nset style fill solid 0.8 border rgb '#ffffff'",
+          std::min(0.0, h.bin_edges.front()), h.bin_edges.back() + width / 2, top > 0 ? 1.1 * top : 1);
+    t.add("plot $bins using 1:2:3 with boxes lc rgb '#4393c3'");
+    return {t.take(), 900, 520};
+}
+
+Picture energy_picture(const EnergyRecord& record) {
+    struct Line {
+        std::string column, label, colour;
+        int sign; ///< -1: shown as what was given up since the start
+    };
+    static const std::vector<Line> lines = {
+        {"potential_energy", "potential, given up since the start", "#202020", -1},
+        {"kinetic_energy", "kinetic", "#2166ac", 1},
+        {"dissipated_energy", "dissipated", "#b2182b", 1},
+        {"elastic_energy", "elastic", "#1b7837", 1}};
+    const auto column = [&](const std::string& name) -> const std::vector<double>* {
+        for (const auto& [key, values] : record.columns)
+            if (key == name && values.size() == record.time.size() && !values.empty())
+                return &values;
+        return nullptr;
+    };
+    double largest = 0;
+    for (const Line& line : lines)
+        if (const auto* v = column(line.column))
+            for (double e : *v)
+                largest = std::max(largest, std::abs(line.sign < 0 ? v->front() - e : e));
+    const auto [scale, unit] = energy_unit(largest);
+    Text t;
+    const std::size_t every = std::max<std::size_t>(1, record.time.size() / 3000);
+    std::string plots;
+    for (const Line& line : lines) {
+        const auto* v = column(line.column);
+        if (!v)
+            continue;
+        t.add("${} << EOD", line.column);
+        for (std::size_t k = 0; k < v->size(); k += every)
+            t.add("{:.8g} {:.8g}", record.time[k], (line.sign < 0 ? v->front() - (*v)[k] : (*v)[k]) / scale);
+        t.add("EOD");
+        plots += fmt::format("{}${} using 1:2 with lines lw 2 lc rgb '{}' title '{}'",
+                             plots.empty() ? "" : ", ", line.column, line.colour, line.label);
+    }
+    const auto* speed = column("max_speed");
+    if (speed) {
+        t.add("$max_speed << EOD");
+        for (std::size_t k = 0; k < speed->size(); k += every)
+            t.add("{:.8g} {:.8g}", record.time[k], (*speed)[k]);
+        t.add("EOD");
+    }
+    t.add("{}set xrange [{}:{}]\nset lmargin 12\nset rmargin 3", style,
+          record.time.empty() ? 0 : record.time.front(),
+          record.time.empty() ? 1 : std::max(record.time.back(), record.time.front() + 1e-9));
+    for (std::size_t k = 0; k < record.marks.size(); ++k) {
+        if (record.time.empty() || record.marks[k].second < record.time.front() ||
+            record.marks[k].second > record.time.back())
+            continue;
+        t.add("set arrow {0} from {1:.8g}, graph 0 to {1:.8g}, graph 1 nohead dt 3 lc rgb '#808080'", k + 1,
+              record.marks[k].second);
+        t.add("set label {} {} at {:.8g}, graph 0.96 offset 0.5,0 tc rgb '#606060' noenhanced", k + 1,
+              quoted(record.marks[k].first), record.marks[k].second);
+    }
+    if (speed)
+        t.add("set multiplot layout 2,1");
+    t.add("set title 'Energy against time'\nset ylabel 'energy ({})'\nset xlabel 'time (s)'", unit);
+    t.add("set key outside bottom center horizontal");
+    t.add("plot {}", plots.empty() ? "NaN notitle" : plots);
+    if (speed) {
+        t.add("set title 'Fastest grain'\nset ylabel 'speed (m/s)'\nset yrange [0:*]");
+        t.add("plot $max_speed using 1:2 with lines lw 1.5 lc rgb '#762a83' notitle\nunset multiplot");
+    }
+    return {t.take(), 950, speed ? 760 : 520};
+}
+
+} // namespace talus::measure

@@ -30,6 +30,12 @@ bool ended(const Simulation& simulation, const Stage& stage, std::int64_t stage_
            simulation.at_rest(simulation.rest_state());
 }
 
+void tell_breaks(Simulation& simulation, Observer& observer) {
+    const std::vector<BondBreak> breaks = simulation.take_breaks();
+    if (!breaks.empty())
+        observer.bonds_broken(breaks, simulation);
+}
+
 } // namespace
 
 RunEnd run(Simulation& simulation, const Scene& scene, Observer& observer, RunPosition& position) {
@@ -41,12 +47,14 @@ RunEnd run(Simulation& simulation, const Scene& scene, Observer& observer, RunPo
             simulation.set_viscous_damping(stage.viscous_damping.value_or(scene.viscous_damping));
             const std::size_t released = stage.release ? simulation.release() : 0;
             observer.stage(stage, simulation, released);
+            tell_breaks(simulation, observer);
             observer.series(simulation);
             observer.frame(simulation);
         }
         bool frame_written = true;
         while (!ended(simulation, stage, simulation.steps() - position.stage_start)) {
             simulation.step();
+            tell_breaks(simulation, observer);
             const std::int64_t stage_step = simulation.steps() - position.stage_start;
             const bool frame = due(stage_step, scene.frame_interval, dt);
             if (due(stage_step, scene.series_interval, dt) || (frame && scene.series_interval <= 0))

@@ -2,6 +2,8 @@
 #pragma once
 #include "engine/simulation.hpp"
 
+#include <span>
+
 namespace talus::engine {
 
 /// What a run tells the world; the engine itself knows no files.
@@ -12,6 +14,7 @@ public:
     virtual void stage(const Stage& stage, const Simulation& simulation, std::size_t bonds_released) = 0;
     virtual void frame(const Simulation& simulation) = 0;
     virtual void series(const Simulation& simulation) = 0;
+    virtual void bonds_broken(std::span<const BondBreak> breaks, const Simulation& simulation) = 0;
     /// Asked after every step: true ends the run there, to be resumed later.
     virtual bool stop(const Simulation& simulation) = 0;
 };

@@ -47,6 +47,7 @@ struct Snapshot {
 struct SavedState {
     std::int64_t step = 0;
     std::vector<Vec3> position, half_velocity, half_angular_velocity, acceleration, angular_acceleration;
+    std::vector<HalfKick> half_kick;
     std::vector<std::array<std::int32_t, 3>> image;
     std::vector<std::array<std::uint64_t, 2>> contact_pair;
     std::vector<std::array<std::int8_t, 3>>
@@ -114,7 +115,7 @@ private:
     void advance();
     void rebuild();
     void compute_forces(double history_step);
-    void sum_forces();
+    void sum_forces(bool first);
     void check_finite(double largest_displacement2) const;
     std::vector<std::uint32_t> rows_by_id() const;
     Vec3 unwrapped(std::size_t row) const;
@@ -138,7 +139,8 @@ private:
     double reach_factor_ = 1, margin_ = 0, skin_ = 0, largest_radius_ = 0, wall_travel_ = 0;
     double viscous_damping_ = 0;
     std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, intact_bonds_ = 0;
-    std::vector<Vec3> listed_position_; ///< positions at the last rebuild
+    std::vector<Vec3> listed_position_;    ///< positions at the last rebuild
+    std::vector<HalfKick> next_half_kick_; ///< scratch of sum_forces
     std::vector<double> thread_displacement_;
     std::vector<Tally> tallies_;
     std::vector<BondBreak> breaks_;

@@ -39,6 +39,7 @@ SavedState Simulation::save() const {
     s.half_angular_velocity.resize(n);
     s.acceleration.resize(n);
     s.angular_acceleration.resize(n);
+    s.half_kick.resize(n);
     s.image.resize(n);
     std::vector<std::array<std::int8_t, 3>> wraps(n); // box lengths to take off each row to bring it inside
     const Box& box = images_.box();
@@ -58,6 +59,7 @@ SavedState Simulation::save() const {
         }
         s.position[id] = x;
         s.image[id] = image;
+        s.half_kick[id] = p.half_kick[row];
         s.half_velocity[id] = p.velocity[row].vec();
         s.half_angular_velocity[id] = p.angular_velocity[row].vec();
         s.acceleration[id] = p.acceleration[row];
@@ -134,8 +136,7 @@ void Simulation::restore(const SavedState& s) {
         p.acceleration[row] = s.acceleration[id];
         p.angular_acceleration[row] = s.angular_acceleration[id];
         p.image[row] = s.image[id];
-        const double half = 0.5 * time_step_.step;
-        p.half_kick[row] = HalfKick(half * p.acceleration[row], half * p.angular_acceleration[row]);
+        p.half_kick[row] = s.half_kick[id];
     }
     for (std::size_t w = 0; w < walls_.count(); ++w)
         walls_.set_point(w, {s.scalars[3 + 3 * w], s.scalars[4 + 3 * w], s.scalars[5 + 3 * w]});

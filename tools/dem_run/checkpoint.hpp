@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "engine/run.hpp"
+#include "io/checkpoint_file.hpp"
+#include "particles/grains.hpp"
+
+namespace talus::dem_run {
+
+/// A whole run as a checkpoint: the particles as they were at the start, the engine's state, the place in the
+/// stages and how many list rebuilds and bonds there were.
+io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulation,
+                        const engine::RunPosition& position);
+
+Grains unpack_grains(const io::CheckpointFile& file);
+engine::SavedState unpack_state(const io::CheckpointFile& file);
+engine::RunPosition unpack_position(const io::CheckpointFile& file);
+
+} // namespace talus::dem_run

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "dem_run/recorder.hpp"
+
+#include "cli/signals.hpp"
+
+#include <algorithm>
+#include <filesystem>
+#include <fmt/format.h>
+
+namespace talus::dem_run {
+
+Recorder::Recorder(io::TrajectoryWriter& writer, const engine::Scene& scene,
+                   const engine::RunPosition& position, std::vector<std::string> fields, StopRules rules,
+                   cli::Progress& progress, std::function<void()> checkpoint)
+    : writer_(writer), scene_(scene), position_(position), fields_(std::move(fields)),
+      rules_(std::move(rules)), progress_(progress), checkpoint_(std::move(checkpoint)) {
+    std::sort(fields_.begin(), fields_.end());
+}
+
+void Recorder::stage(const engine::Stage& stage, const engine::Simulation& s, std::size_t released) {
+    released_ += released;
+    writer_.stage({stage.name, s.steps(), s.time()});
+}
+
+void Recorder::frame(const engine::Simulation& s) {
+    const engine::Snapshot now = s.snapshot();
+    std::vector<io::TrajectoryWriter::Field> fields;
+    for (const std::string& name : fields_) {
+        const std::vector<Vec3>& values = name == "position"           ? now.position
+                                          : name == "velocity"         ? now.velocity
+                                          : name == "angular_velocity" ? now.angular_velocity
+                                                                       : now.force;
+        fields.emplace_back(name, values);
+    }
+    writer_.frame(s.steps(), s.time(), fields);
+}
+
+void Recorder::series(const engine::Simulation& s) {
+    const engine::Energies e = s.energies();
+    const engine::RestState rest = s.rest_state();
+    std::vector<std::pair<std::string, double>> row{
+        {"step", static_cast<double>(s.steps())},
+        {"time", s.time()},
+        {"stage", static_cast<double>(position_.stage)},
+        {"kinetic_energy", e.kinetic},
+        {"potential_energy", e.potential},
+        {"elastic_energy", e.elastic},
+        {"dissipated_energy", e.tangential + e.damping + e.fracture},
+        {"supplied_energy", e.supplied},
+        {"total_energy", e.total()},
+        {"energy_error", s.energy_error()},
+        {"unbalanced_force", rest.unbalanced_force},
+        {"coordination_number", rest.coordination_number},
+        {"max_speed", rest.max_speed},
+        {"rms_speed", rest.rms_speed},
+        {"contact_count", static_cast<double>(s.contacts())},
+        {"bond_count", static_cast<double>(s.bonds())}};
+    const std::vector<Vec3> forces = s.wall_forces(), torques = s.wall_torques();
+    for (std::size_t w = 0; w < forces.size(); ++w)
+        for (int k = 0; k < 3; ++k) {
+            const std::string prefix = "walls/" + scene_.walls[w].name + "/";
+            row.emplace_back(prefix + "force_" + "xyz"[k], forces[w][k]);
+            row.emplace_back(prefix + "torque_" + "xyz"[k], torques[w][k]);
+        }
+    std::sort(row.begin(), row.end()); // as a reader lists them, so that a resumed file is like a whole one
+    writer_.series(row);
+}
+
+void Recorder::bonds_broken(std::span<const engine::BondBreak> breaks, const engine::Simulation& s) {
+    constexpr std::uint8_t mode_in_file[] = {2, 0, 1}; // released, tension, shear
+    std::vector<io::BondBreakage> rows;
+    rows.reserve(breaks.size());
+    for (const engine::BondBreak& b : breaks) {
+        rows.push_back({b.step, static_cast<double>(b.step) * s.time_step().step,
+                        static_cast<std::int64_t>(b.i), static_cast<std::int64_t>(b.j), b.position,
+                        mode_in_file[b.mode]});
+        broken_ += b.mode != 0;
+    }
+    writer_.bond_breakages(rows);
+}
+
+double Recorder::elapsed() const {
+    return std::chrono::duration<double>(Clock::now() - start_).count();
+}
+
+void Recorder::show(const engine::Simulation& s) {
+    const engine::Stage& stage = scene_.stages[position_.stage];
+    const double since = s.time() - static_cast<double>(position_.stage_start) * s.time_step().step;
+    const double last = stage.until_rest ? stage.limit : stage.end;
+    const double in_stage = last > 0 ? std::min(1.0, since / last) : 1.0;
+    progress_.update((static_cast<double>(position_.stage) + in_stage) /
+                         static_cast<double>(scene_.stages.size()),
+                     fmt::format("{} t = {:.3g} s", stage.name, s.time()));
+}
+
+bool Recorder::stop(const engine::Simulation& s) {
+    if (cli::stop_requested())
+        reason_ = "a signal";
+    const double now = elapsed();
+    if (reason_.empty() &&
+        now - last_look_ > 0.2) { // the clock and the disk are looked at five times a second
+        last_look_ = now;
+        show(s);
+        if (rules_.max_wall && now >= *rules_.max_wall)
+            reason_ = "--max-wall";
+        for (const std::string& file : rules_.stop_files)
+            if (std::filesystem::exists(file))
+                reason_ = "the file " + file;
+        if (reason_.empty() && now - last_checkpoint_ >= rules_.checkpoint_interval) {
+            last_checkpoint_ = now;
+            checkpoint_();
+        }
+    }
+    return !reason_.empty();
+}
+
+} // namespace talus::dem_run

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "cli/progress.hpp"
+#include "engine/run.hpp"
+#include "io/trajectory_file.hpp"
+
+#include <chrono>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace talus::dem_run {
+
+/// When a run is to be interrupted, by the wall clock.
+struct StopRules {
+    std::optional<double> max_wall;   ///< s
+    double checkpoint_interval = 600; ///< s between checkpoints
+    std::vector<std::string> stop_files;
+};
+
+/// Writes what the engine emits into a trajectory, shows progress, and says when to stop.
+class Recorder : public engine::Observer {
+public:
+    Recorder(io::TrajectoryWriter& writer, const engine::Scene& scene, const engine::RunPosition& position,
+             std::vector<std::string> fields, StopRules rules, cli::Progress& progress,
+             std::function<void()> checkpoint);
+
+    void stage(const engine::Stage& stage, const engine::Simulation& s, std::size_t released) override;
+    void frame(const engine::Simulation& s) override;
+    void series(const engine::Simulation& s) override;
+    void bonds_broken(std::span<const engine::BondBreak> breaks, const engine::Simulation& s) override;
+    bool stop(const engine::Simulation& s) override;
+
+    std::size_t bonds_broken() const { return broken_; }
+    std::size_t bonds_released() const { return released_; }
+    const std::string& stop_reason() const { return reason_; }
+
+private:
+    using Clock = std::chrono::steady_clock;
+    void show(const engine::Simulation& s);
+    double elapsed() const;
+
+    io::TrajectoryWriter& writer_;
+    const engine::Scene& scene_;
+    const engine::RunPosition& position_;
+    std::vector<std::string> fields_;
+    StopRules rules_;
+    cli::Progress& progress_;
+    std::function<void()> checkpoint_;
+    Clock::time_point start_ = Clock::now();
+    double last_look_ = 0, last_checkpoint_ = 0;
+    std::size_t broken_ = 0, released_ = 0;
+    std::string reason_;
+};
+
+} // namespace talus::dem_run

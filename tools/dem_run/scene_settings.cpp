@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "dem_run/scene_settings.hpp"
+
+#include <fmt/format.h>
+
+namespace talus::dem_run {
+
+using cli::Unit;
+
+SceneSettings::SceneSettings(cli::Settings& s) : settings_(s) {
+    s.vec3("gravity", scene_.gravity, Unit::acceleration, "acceleration of gravity");
+    Material& m = scene_.material;
+    s.number("material.density", m.density, Unit::density, "density of the grains", cli::positive);
+    s.number("material.youngs_modulus", m.youngs_modulus, Unit::pressure, "Young's modulus of the grains",
+             cli::positive);
+    s.number("material.poissons_ratio", m.poissons_ratio, Unit::none, "Poisson's ratio of the grains",
+             {0, 0.5});
+    s.number("material.restitution", m.restitution, Unit::none, "nominal coefficient of restitution",
+             {0, 1, true, false});
+    s.number("material.friction", m.friction, Unit::none, "Coulomb friction between grains",
+             cli::not_negative);
+
+    s.optional_section("bond", "bonds between grains; absent: none, and nothing spent on them");
+    s.number("bond.bond_pressure", bond_.bond_pressure, Unit::pressure, "tensile strength P_b",
+             cli::not_negative);
+    s.number("bond.bond_friction", bond_.bond_friction, Unit::none, "shear strength factor mu_b",
+             cli::not_negative);
+    s.number("bond.bond_initiation_factor", bond_.bond_initiation_factor, Unit::none,
+             "pairs nearer than chi (ri + rj) are bonded at the start", {1, 2});
+    s.flag("stress_free_start", scene_.stress_free_start,
+           "all forces begin at zero: overlap offsets are set");
+
+    s.choice("contact.separation", separation_, {"tension", "no-tension"},
+             "normal force of separating unbonded pairs");
+    s.choice("contact.damping", damping_, {"paper", "exact"}, "damping number from the restitution");
+    s.choice("contact.lever_arm", lever_arm_, {"contact-point", "radius"},
+             "lever arms of contact forces: to the contact point, or the radii as the paper prints");
+
+    s.optional_section("box", "the domain; absent: the model's");
+    s.vec3("box.lower", box_.lower, Unit::length, "lower corner");
+    s.vec3("box.upper", box_.upper, Unit::length, "upper corner");
+    s.flags3("box.periodic", box_.periodic, "periodic directions");
+    add_walls();
+
+    s.optional_number("time.end", end_, Unit::time, "end of the run, where there are no stages",
+                      cli::positive);
+    s.optional_number("time.step", scene_.step, Unit::time,
+                      "time step, kept exactly; auto: from step_fraction", cli::positive);
+    s.number("time.step_fraction", scene_.step_fraction, Unit::none, "of the smallest grain's Rayleigh time",
+             cli::positive);
+    s.flag("time.allow_unstable", scene_.allow_unstable, "accept a step above the stable limit");
+    s.number("damping.viscous", scene_.viscous_damping, Unit::frequency, "force -c m v; for settling",
+             cli::not_negative);
+    s.number("sleep.tolerance", sleep_tolerance_, Unit::none, "0: nothing sleeps", cli::not_negative);
+    s.choice("precision", precision_, {"double", "mixed"}, "arithmetic of the contact loop");
+    s.number("skin", scene_.skin, Unit::none,
+             "reach of the candidate list beyond touch, of the largest radius", {0, 2, true, false});
+    s.choice("kernel", kernel_, {"specialised", "reference"}, "pair loop; reference: the slow yardstick");
+    s.number("rest.unbalanced_force", scene_.rest_unbalanced, Unit::none,
+             "at rest below this mean net force over mean contact force ...", cli::positive);
+    s.number("rest.speed", scene_.rest_speed, Unit::none, "... and below this rms speed over sqrt(g r)",
+             cli::positive);
+
+    s.number("output.frame_interval", scene_.frame_interval, Unit::time,
+             "between frames; 0: first and last only", cli::not_negative);
+    s.number("output.series_interval", scene_.series_interval, Unit::time,
+             "between rows of the series; 0: with every frame", cli::not_negative);
+    s.strings("output.fields", fields, "of position, velocity, angular_velocity, force");
+    s.flag("output.float64", float64, "frames in double precision");
+    add_stages();
+    s.check([this] { check(); });
+}
+
+void SceneSettings::add_walls() {
+    settings_.objects(
+        "walls",
+        [this](std::size_t index, cli::Settings& e) {
+            while (walls_.size() <= index)
+                walls_.push_back(std::make_unique<WallText>());
+            WallText& w = *walls_[index];
+            w.name = fmt::format("wall{}", index);
+            e.text("name", w.name, "its name in the series");
+            e.vec3("plane.point", w.point, Unit::length, "a point of the plane");
+            e.vec3("plane.normal", w.normal, Unit::none, "towards the grains");
+            e.text("mesh", w.mesh, "surface file");
+            e.vec3("velocity", w.velocity, Unit::velocity, "of the wall");
+            e.optional_number("material.youngs_modulus", w.youngs_modulus, Unit::pressure,
+                              "auto: the grains'", cli::positive);
+            e.optional_number("material.poissons_ratio", w.poissons_ratio, Unit::none, "auto: the grains'",
+                              {0, 0.5});
+            e.optional_number("material.restitution", w.restitution, Unit::none, "auto: the grains'",
+                              {0, 1, true, false});
+            e.optional_number("material.friction", w.friction, Unit::none,
+                              "between grain and wall; auto: the grains'", cli::not_negative);
+            e.check([&e, &w] {
+                if (!w.mesh.empty())
+                    e.reject("mesh", "found a mesh, expected a plane: walls of this version are planes");
+                if (norm(w.normal) == 0)
+                    e.reject("plane.normal", "found a zero vector, expected a direction");
+            });
+        },
+        "plane walls: {name, plane: {point, normal}, velocity, material}");
+}
+
+void SceneSettings::add_stages() {
+    settings_.objects(
+        "stages",
+        [this](std::size_t index, cli::Settings& e) {
+            while (stages_.size() <= index)
+                stages_.push_back(std::make_unique<StageText>());
+            StageText& t = *stages_[index];
+            t.name = fmt::format("stage{}", index);
+            e.text("name", t.name, "its name in the trajectory");
+            e.choice("until", t.until, {"", "rest"}, "rest: the stage ends when the grains are at rest");
+            e.optional_number("limit", t.limit, Unit::time, "longest time until rest, from the stage's start",
+                              cli::positive);
+            e.optional_number("end", t.end, Unit::time, "duration of the stage, from its own start",
+                              cli::positive);
+            e.flag("release", t.release, "break the bonds across the rupture surface at its start");
+            e.optional_number("damping.viscous", t.viscous, Unit::frequency, "instead of the scene's",
+                              cli::not_negative);
+            e.check([&e, &t] {
+                if (t.until == "rest" && !t.limit)
+                    e.reject("until",
+                             "found no /limit with it, expected the longest time to wait, such as \"20s\"");
+                if (t.until != "rest" && !t.end)
+                    e.reject("name",
+                             "found a stage without an end, expected /end or /until \"rest\" with /limit");
+            });
+        },
+        "parts of the run, one after the other");
+}
+
+void SceneSettings::check() const {
+    if (sleep_tolerance_ != 0)
+        settings_.reject("sleep.tolerance",
+                         "found a value above 0, expected 0: this version computes every grain");
+    if (precision_ == "mixed")
+        settings_.reject("precision",
+                         "found \"mixed\", expected \"double\": the only precision of this version");
+    if (settings_.given("box"))
+        for (int k = 0; k < 3; ++k)
+            if (!(box_.upper[k] > box_.lower[k]))
+                settings_.reject("box.upper", "found a corner not above box.lower, expected upper > lower");
+    if (stages_.empty() && !end_ && !settings_.given("time.end"))
+        settings_.reject("time.end", "found neither time.end nor stages, expected one of them");
+    if (!stages_.empty() && end_)
+        settings_.reject("time.end", "found both time.end and stages, expected one of them");
+    for (const std::string& field : fields)
+        if (field != "position" && field != "velocity" && field != "angular_velocity" && field != "force")
+            settings_.reject(
+                "output.fields",
+                fmt::format("found \"{}\", expected position, velocity, angular_velocity or force", field));
+    for (std::size_t a = 0; a < walls_.size(); ++a)
+        for (std::size_t b = 0; b < a; ++b)
+            if (walls_[a]->name == walls_[b]->name)
+                settings_.reject(
+                    "walls",
+                    fmt::format("found two walls named \"{}\", expected different names", walls_[a]->name));
+}
+
+engine::Scene SceneSettings::scene() const {
+    engine::Scene scene = scene_;
+    if (settings_.given("bond"))
+        scene.bond = bond_;
+    if (settings_.given("box"))
+        scene.box = box_;
+    if (separation_ == "no-tension")
+        scene.separation = contact::Separation::no_tension;
+    if (damping_ == "exact")
+        scene.damping_rule = contact::DampingRule::exact;
+    if (lever_arm_ == "radius")
+        scene.lever_arm = contact::LeverArm::radius;
+    scene.reference_kernel = kernel_ == "reference";
+    for (const auto& w : walls_) {
+        Material m = scene.material;
+        m.youngs_modulus = w->youngs_modulus.value_or(m.youngs_modulus);
+        m.poissons_ratio = w->poissons_ratio.value_or(m.poissons_ratio);
+        m.restitution = w->restitution.value_or(m.restitution);
+        m.friction = w->friction.value_or(m.friction);
+        scene.walls.push_back({w->name, w->point, w->normal, w->velocity, m});
+    }
+    for (const auto& t : stages_) {
+        engine::Stage stage;
+        stage.name = t->name;
+        stage.until_rest = t->until == "rest";
+        stage.limit = t->limit.value_or(0);
+        stage.end = t->end.value_or(0);
+        stage.release = t->release;
+        stage.viscous_damping = t->viscous;
+        scene.stages.push_back(stage);
+    }
+    if (scene.stages.empty()) {
+        engine::Stage whole;
+        whole.end = end_.value_or(0);
+        scene.stages.push_back(whole);
+    }
+    return scene;
+}
+
+} // namespace talus::dem_run

@@ -26,7 +26,7 @@ $(box).stats.json: $(box).pgbox.h5 | $(bin)/pgbox-stats
 $(slope).model.h5: $(box).pgbox.h5 $(wildcard $(terrain)/*) | $(bin)/tile-trim $(out)
 	$(bin)/tile-trim $< --pre $(terrain)/pre_runout_DEM.asc --post $(terrain)/post_runout_DEM.asc --shift 6 \
 	    --source-area $(terrain)/source_area.geojson --domain $(terrain)/corridor.geojson \
-	    --radius-max $(R) -j $(JOBS) -o $@ --overwrite
+	    --fixed-thickness 3.5m --radius-max $(R) -j $(JOBS) -o $@ --overwrite
 
 $(slide).traj.h5: $(slope).model.h5 pipelines/scenes/slide.json | $(bin)/dem-run
 	$(bin)/dem-run $< -c pipelines/scenes/slide.json -j $(JOBS) --resume auto -o $@ --overwrite

@@ -11,8 +11,10 @@ namespace talus {
 class ExactSum {
 public:
     ExactSum() = default;
-    /// @param scale what the quantum is measured against: quantum = 2^-100 times scale's power of two.
-    explicit ExactSum(double scale) : exponent_(std::ilogb(scale) - 100) {
+    /// @param scale what the quantum is measured against: quantum = 2^-72 times scale's power of two. Terms
+    /// below
+    ///              2^-10 of the scale take the short way.
+    explicit ExactSum(double scale) : exponent_(std::ilogb(scale) - 72) {
         to_quanta_ = std::ldexp(1.0, -exponent_);
     }
 
@@ -48,8 +50,8 @@ public:
 
 private:
     __int128 sum_ = 0;
-    double to_quanta_ = 0x1p100;
-    int exponent_ = -100;
+    double to_quanta_ = 0x1p72;
+    int exponent_ = -72;
     bool overflowed_ = false;
 };
 

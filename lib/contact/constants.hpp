@@ -56,6 +56,7 @@ struct Constants {
     double normal_stiffness = 0;     ///< Pa: Kn = normal_stiffness sqrt(R |dn|)
     double tangential_stiffness = 0; ///< Pa: Kt = tangential_stiffness sqrt(R |dn|)
     double damping = 0;              ///< alpha
+    double tangential_damping = 0;   ///< eta_t / eta_n = sqrt(Kt / Kn)
     double friction = 0;             ///< mu
     double bond_pressure = 0;        ///< P_b, Pa
     double bond_friction = 0;        ///< mu_b
@@ -72,6 +73,7 @@ inline Constants make_constants(const Material& grain, const Material& other, co
     c.normal_stiffness = 4.0 / 3.0 * effective_youngs_modulus(grain, other);
     c.tangential_stiffness = 8 * effective_shear_modulus(grain, other);
     c.damping = damping_number(other.restitution, damping);
+    c.tangential_damping = std::sqrt(c.tangential_stiffness / c.normal_stiffness);
     c.friction = other.friction;
     c.bond_pressure = bond.bond_pressure;
     c.bond_friction = bond.bond_friction;

@@ -33,6 +33,7 @@ struct Motion {
     Vec3 spin;                   ///< arm_i wi + arm_j wj at t, m s-1
     Vec3 half_spin;              ///< the same at t - dt/2
     double half_twist = 0;       ///< rad s-1, mean spin of both about the normal at t - dt/2
+    double damping_scale = 1;    ///< share of the dashpots that the step can follow, see damping_scale()
 };
 
 /// What one contact remembers.
@@ -48,9 +49,25 @@ struct Force {
     double dissipation = 0;       ///< W, what the normal dashpot takes
     double tangential_intake = 0; ///< W, what spring, dashpot and slider of the tangential part take in
     double fracture = 0;          ///< J, stored energy lost as a bond broke in this step
+    double damping = 0;           ///< N s/m, eta_n before damping_scale
     bool active = false;          ///< there is a force
     std::uint8_t broke = 0;       ///< 0 no, 1 in tension, 2 in shear
 };
+
+/// An explicit step follows damping only while a particle's dashpots together take out of it less than about
+/// half of its relative motion in one step. `load` is sum(eta_n) dt / m over the particle's contacts; beyond
+/// this limit all dashpots of the particle are weakened alike. Grains that collide one at a time stay far
+/// below it (0.02 to 0.1 at restitution 0.2 and a step of 0.2 Rayleigh times); a grain held by eight loaded,
+/// sheared contacts does not, and its noise would grow from step to step. With friction, spin couples to all
+/// dashpots: lower.
+template <class F>
+constexpr double largest_damping_load = F::tangential ? 0.15 : 0.4;
+
+/// Share of a pair's dashpot that may act, from the loads of its two particles.
+template <class F>
+inline double damping_scale(double load_i, double load_j) {
+    return largest_damping_load<F> / std::max({largest_damping_load<F>, load_i, load_j});
+}
 
 /// Elastic energy of the normal spring at overlap dn (m), J; a stretched bond softens beyond its strength
 /// (Eq. 17): F = 2 F_b - k |dn|^1.5.
@@ -95,7 +112,8 @@ inline Vec3 tangential_increment(const Motion& m, double dt, double step) {
 /// Force of the contact at the full step t; brings its history from t - step to t (step = 0: the first
 /// evaluation of a run, which gains nothing).
 template <class F>
-inline Force contact_force(const Constants& c, const Motion& m, double step, History& h) {
+[[gnu::always_inline]] inline Force contact_force(const Constants& c, const Motion& m, double step,
+                                                  History& h) {
     Force f;
     double overlap = m.touch - m.distance;
     if constexpr (F::offsets)
@@ -117,7 +135,9 @@ inline Force contact_force(const Constants& c, const Motion& m, double step, His
     const double kn = c.normal_stiffness * root;
     const double vn = dot(m.velocity, m.normal);
     const double elastic = kn * overlap;
-    const double spring_dashpot = elastic + c.damping * std::sqrt(m.effective_mass * kn) * vn;
+    f.damping = c.damping * std::sqrt(m.effective_mass * kn);
+    const double eta_n = m.damping_scale * f.damping;
+    const double spring_dashpot = elastic + eta_n * vn;
     f.normal = spring_dashpot;
     double conservative = elastic;
     double strength = 0;
@@ -140,7 +160,7 @@ inline Force contact_force(const Constants& c, const Motion& m, double step, His
     double kt = 0, eta_t = 0;
     if constexpr (F::tangential) {
         kt = c.tangential_stiffness * root;
-        eta_t = c.damping * std::sqrt(m.effective_mass * kt);
+        eta_t = eta_n * c.tangential_damping;
         vt = m.velocity - vn * m.normal + cross(m.spin, m.normal);
         if (step > 0) {
             if (h.state & contact_active) {

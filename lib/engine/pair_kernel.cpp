@@ -16,8 +16,9 @@ namespace {
 /// Centres nearer than this (m2) have no direction between them: they are pushed apart along z.
 constexpr double least_distance2 = 1e-60;
 
-void count(const contact::Force& f, const ParticleColumns& p, const search::Candidate& c, Tally& tally) {
-    if (f.broke != 0) {
+[[gnu::always_inline]] inline void count(const contact::Force& f, const ParticleColumns& p,
+                                         const search::Candidate& c, Tally& tally) {
+    if (f.broke != 0) [[unlikely]] {
         tally.fracture.add(f.fracture);
         tally.breaks.push_back(
             {p.id[c.i], p.id[c.j], 0.5 * (p.position[c.i].vec() + p.position[c.j].vec()), f.broke});
@@ -31,8 +32,9 @@ void count(const contact::Force& f, const ParticleColumns& p, const search::Cand
 
 /// Motion of the pair for the law; what `F` lacks is left out.
 template <class F>
-Motion motion_of(const Constants& constants, const ParticleColumns& p, const search::Candidate& c,
-                 const Vec3& branch, double distance, double touch) {
+[[gnu::always_inline]] inline Motion motion_of(const Constants& constants, const ParticleColumns& p,
+                                               const search::Candidate& c, const Vec3& branch,
+                                               double distance, double touch) {
     const double ri = p.position[c.i].w, rj = p.position[c.j].w;
     const Record vi = p.velocity[c.i], vj = p.velocity[c.j];
     const HalfKick& ki = p.half_kick[c.i];
@@ -46,6 +48,7 @@ Motion motion_of(const Constants& constants, const ParticleColumns& p, const sea
     m.effective_mass = vi.w * vj.w / (vi.w + vj.w);
     m.half_velocity = vi.vec() - vj.vec();
     m.velocity = (vi.vec() + ki.velocity()) - (vj.vec() + kj.velocity());
+    m.damping_scale = contact::damping_scale<F>(ki.damping_load, kj.damping_load);
     if constexpr (F::tangential) {
         const double stretch =
             constants.lever_arm == contact::LeverArm::contact_point ? distance / touch : 1.0;
@@ -91,6 +94,7 @@ void specialised(const Constants& constants, const ParticleColumns& p,
             pairs.offset[k] = h.offset;
         PairForce& out = pairs.force[k];
         out.force = f.tangential - f.normal * m.normal;
+        out.damping = f.active ? f.damping : 0;
         if constexpr (F::tangential) {
             const double stretch =
                 constants.lever_arm == contact::LeverArm::contact_point ? distance / touch : 1.0;
@@ -108,7 +112,8 @@ contact::ReferenceParticle reference_particle(const ParticleColumns& p, std::uin
             v,
             w,
             p.position[row].w,
-            p.velocity[row].w};
+            p.velocity[row].w,
+            p.half_kick[row].damping_load};
 }
 
 void reference(const Constants& constants, const ParticleColumns& p,
@@ -118,13 +123,15 @@ void reference(const Constants& constants, const ParticleColumns& p,
         const search::Candidate c = candidates[k];
         History h = pairs.load(k);
         const auto i = reference_particle(p, c.i), j = reference_particle(p, c.j);
-        const auto result = contact::reference_pair_force(constants, i, j, step, h);
+        const auto result =
+            contact::reference_pair_force(constants, i, j, step, h, !pairs.tangential_displacement.empty());
         pairs.state[k] = h.state;
         if (!pairs.tangential_displacement.empty())
             pairs.tangential_displacement[k] = h.tangential_displacement;
         if (!pairs.offset.empty())
             pairs.offset[k] = h.offset;
         pairs.force[k].force = result.force_on_i;
+        pairs.force[k].damping = result.parts.damping;
         pairs.force[k].couple = result.torque_on_i / i.radius;
         count(result.parts, p, c, tally);
     }

@@ -16,9 +16,9 @@ namespace talus::engine {
 /// each.
 struct alignas(64) PairForce {
     Vec3 force;
-    double unused0 = 0;
+    double damping = 0; ///< eta_n, N s/m, before any limit
     Vec3 couple;
-    double unused1 = 0;
+    double unused = 0;
 };
 
 struct BondBreak {

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <limits>
 #include <numbers>
+#include <numeric>
 
 namespace talus::engine {
 
@@ -15,6 +16,9 @@ namespace {
 
 /// Range over which a loop over particles or pairs is worth cutting among threads.
 constexpr std::size_t pair_block = 64;
+
+/// Particles are put back into space-filling order with every so many lists: neighbours drift apart slowly.
+constexpr std::size_t rebuilds_per_reorder = 10;
 
 /// The part of an acceleration that has lasted: a scaled by min(1, a.before / a.a), or nothing where it
 /// turned round. Predicting velocities with it is of second order where motion is smooth, and unlike plain
@@ -135,8 +139,7 @@ void Simulation::load(const Grains& grains) {
     }
     if (n == 0)
         throw Error(ExitCode::input_invalid, "the model has no particles");
-    time_step_ =
-        choose_time_step(scene_, std::isfinite(smallest) ? smallest : largest_radius_, kernel_.tangential);
+    time_step_ = choose_time_step(scene_, std::isfinite(smallest) ? smallest : largest_radius_);
     start_position_ = grains.position;
 }
 
@@ -217,16 +220,46 @@ void Simulation::check_finite(double largest_displacement2) const {
         }
 }
 
+/// Takes a wider skin where lists last a few steps only (flow) and a narrower one where they last long
+/// (rest). What the forces are does not depend on it.
+void Simulation::adapt_skin() {
+    const std::int64_t lasted = step_ - last_rebuild_;
+    last_rebuild_ = step_;
+    if (rebuilds_ == 0)
+        return;
+    double wanted = skin_;
+    if (lasted < 10)
+        wanted *= 1.25;
+    else if (lasted > 50)
+        wanted *= 0.8;
+    wanted = std::clamp(wanted, 0.5 * scene_.skin * largest_radius_, 4 * scene_.skin * largest_radius_);
+    const double rest = margin_ - skin_;
+    for (int k = 0; k < 3; ++k)
+        if (images_.box().periodic[static_cast<std::size_t>(k)])
+            wanted =
+                std::min(wanted, images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ - rest);
+    skin_ = wanted;
+    margin_ = skin_ + rest;
+}
+
 void Simulation::rebuild() {
     ParticleColumns& p = particles_;
     const bool first = rebuilds_ == 0;
     std::vector<std::array<std::int8_t, 3>> wrapped;
+    adapt_skin();
     images_.wrap(p, wrapped);
-    std::vector<std::uint32_t> order = search::space_filling_order(p, 2.5 * largest_radius_, team_);
-    search::reorder(p, order, team_);
+    std::vector<std::uint32_t> order;
     std::vector<std::array<std::int8_t, 3>> wrapped_sorted(p.owned);
-    for (std::size_t row = 0; row < p.owned; ++row)
-        wrapped_sorted[row] = wrapped[order[row]];
+    if (rebuilds_ % rebuilds_per_reorder == 0) {
+        order = search::space_filling_order(p, 2.5 * largest_radius_, team_);
+        search::reorder(p, order, team_);
+        for (std::size_t row = 0; row < p.owned; ++row)
+            wrapped_sorted[row] = wrapped[order[row]];
+    } else {
+        order.resize(p.owned);
+        std::iota(order.begin(), order.end(), 0u);
+        wrapped_sorted = wrapped;
+    }
     images_.make_ghosts(p, 2 * largest_radius_ * reach_factor_ + margin_);
     if (first)
         order.clear();
@@ -300,15 +333,18 @@ void Simulation::sum_forces(bool first) {
             if (p.species[row] == Species::fixed)
                 continue;
             Vec3 force, couple;
+            double damping = 0;
             for (const search::Reference r : list_.references(row)) {
                 const PairForce& pair = pairs_.force[r.candidate()];
                 force += r.is_second() ? -pair.force : pair.force;
                 couple += pair.couple;
+                damping += pair.damping;
             }
             if (walls_.any())
                 for (const WallContacts::Entry& wall : walls_.of_row(row)) {
                     force += wall.force;
                     couple += wall.couple;
+                    damping += wall.damping;
                 }
             Vec3 a = force / p.velocity[row].w + scene_.gravity;
             Vec3 alpha = (p.position[row].w / p.angular_velocity[row].w) * couple;
@@ -322,6 +358,7 @@ void Simulation::sum_forces(bool first) {
             kicks[row] = first ? HalfKick(half * a, half * alpha)
                                : HalfKick(half * steady_part(a, p.acceleration[row]),
                                           half * steady_part(alpha, p.angular_acceleration[row]));
+            kicks[row].damping_load = static_cast<float>(damping * time_step_.step / p.velocity[row].w);
             p.acceleration[row] = a;
             p.angular_acceleration[row] = alpha;
         }

@@ -113,6 +113,7 @@ private:
     void load(const Grains& grains);
     void set_initial_contacts();
     void advance();
+    void adapt_skin();
     void rebuild();
     void compute_forces(double history_step);
     void sum_forces(bool first);
@@ -135,7 +136,7 @@ private:
     WallContacts walls_;
     TimeStep time_step_;
 
-    std::int64_t step_ = 0;
+    std::int64_t step_ = 0, last_rebuild_ = 0;
     double reach_factor_ = 1, margin_ = 0, skin_ = 0, largest_radius_ = 0, wall_travel_ = 0;
     double viscous_damping_ = 0;
     std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, intact_bonds_ = 0;

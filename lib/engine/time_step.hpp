@@ -17,15 +17,9 @@ struct TimeStep {
 /// one alone; beyond this fraction dense scenes gain energy.
 constexpr double stable_fraction = 0.8;
 
-/// With dashpots of damping number alpha a grain in a dense packing, held by some five contacts whose
-/// tangential dashpots all act on its spin, stops converging to rest above this fraction over alpha
-/// (measured: at restitution 0.2, alpha = 1, step-to-step noise stays at 0.175 of the Rayleigh time and dies
-/// out at 0.15).
-constexpr double damped_fraction = 0.15;
-
 /// Step of a scene whose smallest mobile sphere has radius `smallest_radius` (m): `scene.step` exactly, or
-/// step_fraction of its Rayleigh time, less where friction and strong damping demand it.
+/// step_fraction of its Rayleigh time.
 /// @throws Error(configuration_invalid) above the stable limit, unless the scene allows it
-TimeStep choose_time_step(const Scene& scene, double smallest_radius, bool tangential);
+TimeStep choose_time_step(const Scene& scene, double smallest_radius);
 
 } // namespace talus::engine

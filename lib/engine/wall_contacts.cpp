@@ -36,7 +36,7 @@ void WallContacts::rebuild(const ParticleColumns& p, double margin,
         for (std::uint32_t w = 0; w < walls_.size() && p.species[row] != Species::fixed; ++w) {
             if (distance(w, p.position[row].vec()) >= p.position[row].w + margin)
                 continue;
-            Entry entry{row, w, {}, {}, {}};
+            Entry entry{row, w, {}, {}, {}, 0};
             if (!old_row.empty() && !old_first.empty())
                 for (std::uint32_t k = old_first[old_row[row]]; k < old_first[old_row[row] + 1]; ++k)
                     if (old[k].wall == w)
@@ -82,11 +82,15 @@ void WallContacts::compute(const ParticleColumns& p, double step, ThreadTeam& te
             m.half_spin = m.arm_i * w;
             m.spin = m.arm_i * (w + p.half_kick[e.row].angular_velocity());
             m.half_twist = 0.5 * dot(w, m.normal);
-            const contact::Force f =
-                tangential_
-                    ? contact::contact_force<contact::Features<true, false, true>>(c, m, step, e.history)
-                    : contact::contact_force<contact::Features<false, false, true>>(c, m, step, e.history);
+            using Rubbing = contact::Features<true, false, true>;
+            using Smooth = contact::Features<false, false, true>;
+            const double load = p.half_kick[e.row].damping_load;
+            m.damping_scale = tangential_ ? contact::damping_scale<Rubbing>(load, 0)
+                                          : contact::damping_scale<Smooth>(load, 0);
+            const contact::Force f = tangential_ ? contact::contact_force<Rubbing>(c, m, step, e.history)
+                                                 : contact::contact_force<Smooth>(c, m, step, e.history);
             e.force = f.tangential - f.normal * m.normal;
+            e.damping = f.active ? f.damping : 0;
             e.couple = stretch * cross(m.normal, f.tangential);
             tally.dissipation.add(f.dissipation);
             tally.intake.add(f.tangential_intake);

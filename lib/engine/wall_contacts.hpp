@@ -16,8 +16,9 @@ public:
     struct Entry {
         std::uint32_t row, wall;
         contact::History history;
-        Vec3 force;  ///< N, on the particle
-        Vec3 couple; ///< N, torque on the particle = radius * couple
+        Vec3 force;         ///< N, on the particle
+        Vec3 couple;        ///< N, torque on the particle = radius * couple
+        double damping = 0; ///< N s/m, eta_n
     };
 
     WallContacts() = default;

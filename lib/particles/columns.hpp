@@ -22,7 +22,9 @@ struct alignas(32) Record {
 /// Half a step's change of velocity and angular velocity, which takes both from the half step, where they are
 /// stored, to the full step, where forces act. Single precision: it is a small correction, only gathered.
 struct alignas(32) HalfKick {
-    float vx = 0, vy = 0, vz = 0, unused0 = 0, wx = 0, wy = 0, wz = 0, unused1 = 0;
+    float vx = 0, vy = 0, vz = 0;
+    float damping_load = 0; ///< sum of the contacts' eta_n dt / m at the last full step
+    float wx = 0, wy = 0, wz = 0, unused = 0;
 
     HalfKick() = default;
     HalfKick(const Vec3& v, const Vec3& w)

@@ -73,13 +73,14 @@ CandidateList::Pairs CandidateList::find(const ParticleColumns& p, double factor
                 for (int y = std::max(home[1] - 1, 0); y <= std::min(home[1] + 1, cells[1] - 1); ++y)
                     for (const std::uint32_t j :
                          grid.members(grid.index({x0, y, z}), grid.index({x1, y, z}))) {
+                        if (!movable && !moves(p, j))
+                            continue;
                         const Record other = p.position[j];
                         const double dx = other.x - self.x, dy = other.y - self.y, dz = other.z - self.z;
                         const double reach = (self.w + other.w) * factor + margin;
                         if (dx * dx + dy * dy + dz * dz >= reach * reach || j == i || !keeps(p, i, j))
                             continue;
-                        if (movable || moves(p, j))
-                            out.push_back({i, j});
+                        out.push_back({i, j});
                     }
         }
     });

@@ -174,6 +174,48 @@ TEST(Symmetry, AngularMomentumOfAnObliqueImpactIsExact) {
     EXPECT_LT(norm(angular_momentum() - before), 1e-5 * norm(before));
 }
 
+TEST(Stability, DenseFrictionalPackingComesToRestAtTheDefaultStep) {
+    // Twelve loaded contacts a grain and strong dashpots on all of them: more damping than an explicit step
+    // can follow. Unlimited, the noise of neighbouring steps grows; limited, the random motion dies out.
+    for (const bool bonds : {false, true}) {
+        Scene scene = bare_scene();
+        scene.material.friction = 0.4;
+        if (bonds)
+            scene.bond = BondMaterial{13e3, 10, 1.05};
+        constexpr double edge = (0.02 - 4e-4) * std::numbers::sqrt2;
+        Grains g;
+        Philox random(17);
+        for (int k = 0; k < 256; ++k) {
+            const Vec3 cell{double(k / 4 % 4), double(k / 16 % 4), double(k / 64)};
+            const Vec3 site{k % 4 == 1 || k % 4 == 2 ? 0.5 : 0.0, k % 4 == 1 || k % 4 == 3 ? 0.5 : 0.0,
+                            k % 4 >= 2 ? 0.5 : 0.0};
+            g.position.push_back(edge * (cell + site));
+            g.radius.push_back(0.01);
+            g.velocity.push_back(
+                0.01 * Vec3{random.uniform() - 0.5, random.uniform() - 0.5, random.uniform() - 0.5});
+        }
+        g.box = Box{{0, 0, 0}, {4 * edge, 4 * edge, 4 * edge}, {true, true, true}};
+        ThreadTeam team(1);
+        Simulation s(scene, g, team);
+        const double start = s.energies().kinetic;
+        double before = start;
+        for (int k = 1; k <= 1000; ++k) {
+            s.step();
+            if (k % 250 == 0) {
+                const double now = s.energies().kinetic;
+                EXPECT_LT(now, before);
+                before = now;
+            }
+        }
+        // What stays is the drift of the whole.
+        Vec3 drift;
+        for (const Vec3& v : g.velocity)
+            drift += v / 256.0;
+        const double mass = 4.0 / 3.0 * std::numbers::pi * 1e-6 * 1000;
+        EXPECT_NEAR(s.energies().kinetic - 128 * mass * norm2(drift), 0, 1e-4 * start);
+    }
+}
+
 TEST(SameBits, OneAndTwoAndThreeThreads) {
     Snapshot first;
     double energy = 0;

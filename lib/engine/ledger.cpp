@@ -165,12 +165,13 @@ std::size_t Simulation::bonds() const {
     return count;
 }
 
-std::size_t Simulation::release() {
+std::size_t Simulation::release(bool whole_mass) {
     const ParticleColumns& p = particles_;
     std::vector<BondBreak> released;
     for (std::size_t k = 0; k < list_.size(); ++k) {
         const search::Candidate c = list_.candidates()[k];
-        if (!(pairs_.state[k] & contact::bond_intact) || p.release[c.i] == p.release[p.owner(c.j)])
+        const bool first = p.release[p.owner(c.i)] != 0, second = p.release[p.owner(c.j)] != 0;
+        if (!(pairs_.state[k] & contact::bond_intact) || !(first != second || (whole_mass && first)))
             continue;
         const Record &xi = p.position[c.i], &xj = p.position[c.j];
         const double touch = xi.w + xj.w, radius = xi.w * xj.w / touch;

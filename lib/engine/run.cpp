@@ -45,7 +45,7 @@ RunEnd run(Simulation& simulation, const Scene& scene, Observer& observer, RunPo
         if (position.stage_start < 0) {
             position.stage_start = simulation.steps();
             simulation.set_viscous_damping(stage.viscous_damping.value_or(scene.viscous_damping));
-            const std::size_t released = stage.release ? simulation.release() : 0;
+            const std::size_t released = stage.release ? simulation.release(stage.release_mass) : 0;
             observer.stage(stage, simulation, released);
             tell_breaks(simulation, observer);
             observer.series(simulation);

@@ -25,6 +25,7 @@ struct Stage {
     double limit = 0;                      ///< s, with until_rest
     double end = 0;                        ///< s, without
     bool release = false;                  ///< at its start breaks every bond across the rupture surface
+    bool release_mass = false;             ///< at its start breaks also the bonds within the released mass
     std::optional<double> viscous_damping; ///< 1/s, instead of the scene's
 };
 

@@ -149,6 +149,11 @@ void Simulation::set_initial_contacts() {
         const search::Candidate c = list_.candidates()[k];
         const Record &xi = particles_.position[c.i], &xj = particles_.position[c.j];
         const double distance = norm(xj.vec() - xi.vec()), touch = xi.w + xj.w;
+        if (distance < 1e-9 * touch)
+            throw Error(ExitCode::input_invalid,
+                        fmt::format("particles {} and {}: at the same place, so there is no direction to push them "
+                                    "apart; check what wrote the model",
+                                    particles_.id[c.i], particles_.id[c.j]));
         const bool bonded = kernel_.bonds && distance < touch * chi;
         if (bonded)
             pairs_.state[k] |= contact::bond_intact;
@@ -330,8 +335,10 @@ void Simulation::sum_forces(bool first) {
     const bool viscous = viscous_damping_ > 0;
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
-            if (p.species[row] == Species::fixed)
+            if (p.species[row] == Species::fixed) {
+                kicks[row] = {};
                 continue;
+            }
             Vec3 force, couple;
             double damping = 0;
             for (const search::Reference r : list_.references(row)) {

@@ -84,8 +84,9 @@ public:
     const TimeStep& time_step() const { return time_step_; }
     const std::string& kernel_name() const { return kernel_.name; }
 
-    /// Breaks every bond between a released and an unreleased grain; returns how many.
-    std::size_t release();
+    /// Breaks every bond between a released and an unreleased grain, with `whole_mass` also those between two
+    /// released ones; returns how many.
+    std::size_t release(bool whole_mass = false);
     void set_viscous_damping(double per_second) { viscous_damping_ = per_second; }
 
     Energies energies() const;

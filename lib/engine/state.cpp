@@ -75,7 +75,8 @@ SavedState Simulation::save() const {
             continue;
         auto shift = p.shift(c.j);
         for (std::size_t d = 0; d < 3; ++d)
-            shift[d] = static_cast<std::int8_t>(shift[d] + wraps[p.owner(c.j)][d] - wraps[c.i][d]);
+            shift[d] = static_cast<std::int8_t>(shift[d] - p.shift(c.i)[d] + wraps[p.owner(c.j)][d] -
+                                                wraps[p.owner(c.i)][d]);
         live.emplace_back(p.id[c.i], p.id[c.j], shift, k);
     }
     std::sort(live.begin(), live.end());
@@ -198,10 +199,14 @@ void Simulation::find_contacts_again(const SavedState& s) {
         const auto [i, j] = s.contact_pair[c];
         if (i >= p.owned || j >= p.owned)
             lost(i, j);
-        std::uint32_t k = list_.first(row_of[i]);
-        const std::uint32_t last = list_.first(row_of[i] + 1);
+        const std::uint32_t holder = p.species[row_of[i]] == Species::fixed ? row_of[j] : row_of[i];
+        std::uint32_t k = list_.first(holder);
+        const std::uint32_t last = list_.first(holder + 1);
         const auto is_it = [&](const search::Candidate& candidate) {
-            return p.id[candidate.j] == j && p.shift(candidate.j) == s.contact_image[c];
+            auto shift = p.shift(candidate.j);
+            for (std::size_t d = 0; d < 3; ++d)
+                shift[d] = static_cast<std::int8_t>(shift[d] - p.shift(candidate.i)[d]);
+            return p.id[candidate.i] == i && p.id[candidate.j] == j && shift == s.contact_image[c];
         };
         while (k < last && !is_it(list_.candidates()[k]))
             ++k;

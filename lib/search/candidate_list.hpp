@@ -9,8 +9,9 @@
 
 namespace talus::search {
 
-/// Two rows that may touch before the next rebuild. `i` is an owned row and has the lower global id; `j` may
-/// be a ghost. A particle beside its own periodic image is paired once.
+/// Two rows that may touch before the next rebuild; `i` has the lower global id. At least one of them is an
+/// owned row that can move: the candidate's holder, which is the one that moves or, of two that do, the one
+/// with the lower id. The other may be a ghost. A particle beside its own periodic image is paired once.
 struct Candidate {
     std::uint32_t i, j;
 };
@@ -43,7 +44,7 @@ public:
     std::size_t size() const { return pairs_.candidates.size(); }
     std::span<const Candidate> candidates() const { return pairs_.candidates; }
     std::span<const std::uint32_t> previous() const { return previous_; }
-    /// Candidates whose i is this owned row: [first(row), first(row + 1)).
+    /// Candidates that this owned row holds: [first(row), first(row + 1)).
     std::uint32_t first(std::size_t row) const { return pairs_.first[row]; }
     std::span<const Reference> references(std::size_t row) const {
         return {references_.data() + reference_start_[row],
@@ -55,9 +56,10 @@ private:
     using Shift = std::array<std::int8_t, 3>;
     struct Pairs {
         std::vector<Candidate> candidates;
-        std::vector<std::uint32_t> first; ///< [owned + 1]
-        std::vector<std::uint64_t> id;    ///< [rows] to recognise a pair in the next list
-        std::vector<Shift> shift;         ///< [rows - owned]
+        std::vector<std::uint32_t> first;   ///< [owned + 1]
+        std::vector<std::uint64_t> id;      ///< [rows] to recognise a pair in the next list
+        std::vector<Shift> shift;           ///< [rows - owned]
+        std::vector<std::uint32_t> partner; ///< [candidates] the row that is not the holder
         Shift shift_of(std::uint32_t row) const {
             const std::size_t owned = first.size() - 1;
             return row < owned ? Shift{} : shift[row - owned];

@@ -289,6 +289,8 @@ TEST(Bonds, ReleaseBreaksThoseThatCrossTheSurfaceOnly) {
     EXPECT_EQ(breaks[0].i, 1u);
     EXPECT_EQ(breaks[0].j, 2u);
     EXPECT_EQ(breaks[0].mode, 0);
+    EXPECT_EQ(s.release(true), 1u); // now within the mass as well
+    EXPECT_EQ(s.bonds(), 1u);
 }
 
 TEST(Offsets, DroppingAnOffsetNeverMakesTheForceJump) {

@@ -117,6 +117,10 @@ void SceneSettings::add_stages() {
             e.optional_number("end", t.end, Unit::time, "duration of the stage, from its own start",
                               cli::positive);
             e.flag("release", t.release, "break the bonds across the rupture surface at its start");
+            t.release_bonds = "surface";
+            e.choice("release_bonds", t.release_bonds, {"surface", "mass"},
+                     "with release: break only the bonds across the rupture surface, or those within the "
+                     "released mass too");
             e.optional_number("damping.viscous", t.viscous, Unit::frequency, "instead of the scene's",
                               cli::not_negative);
             e.check([&e, &t] {
@@ -187,6 +191,7 @@ engine::Scene SceneSettings::scene() const {
         stage.limit = t->limit.value_or(0);
         stage.end = t->end.value_or(0);
         stage.release = t->release;
+        stage.release_mass = t->release_bonds == "mass";
         stage.viscous_damping = t->viscous;
         scene.stages.push_back(stage);
     }

@@ -29,7 +29,7 @@ private:
         std::optional<double> youngs_modulus, poissons_ratio, restitution, friction;
     };
     struct StageText {
-        std::string name, until;
+        std::string name, until, release_bonds;
         std::optional<double> limit, end, viscous;
         bool release = false;
     };

@@ -153,6 +153,12 @@ int main(int argc, char** argv) {
         Start start = !usable.empty()       ? from_checkpoint(usable)
                       : input_is_checkpoint ? from_checkpoint(input)
                                             : from_model(input, team);
+        if (!usable.empty() && !input_is_checkpoint)
+            dem_run::check_same_run(io::read_checkpoint(usable), usable, from_model(input, team).grains,
+                                    tool.effective_config().dump());
+        else if (resume == "auto" && !common.dry_run && usable.empty() && std::filesystem::exists(saved))
+            tool.warn(saved +
+                      ": the checkpoint is damaged and there is no earlier one; starting from the beginning");
         if (start.position.stage >= scene.stages.size())
             throw Error(ExitCode::configuration_invalid,
                         "stages: the checkpoint's stage is not in this scene; "
@@ -175,13 +181,20 @@ int main(int argc, char** argv) {
         statics.mass = start.grains.mass;
         statics.species = start.grains.species;
         statics.release = start.grains.release;
-        statics.origin = start.grains.origin;
+        const Vec3 shift = settings.float64 ? Vec3{} : dem_run::output_shift(start.grains);
+        statics.origin = start.grains.origin + shift;
         statics.coordinate_system = start.grains.coordinate_system;
         statics.box = scene.box ? *scene.box : start.grains.box.value_or(Box{});
+        statics.box.lower -= shift;
+        statics.box.upper -= shift;
         statics.float64 = settings.float64;
         const std::string config = tool.effective_config().dump();
         dem_run::ResumedTrajectory trajectory(common.output, statics, tool.provenance_after(start.provenance),
                                               config, common.overwrite, start.state ? first_step : -1);
+
+        if (start.state && !trajectory.continues())
+            tool.warn(common.output +
+                      ": the frames before the checkpoint are gone; the trajectory starts there");
 
         cli::install_stop_handler();
         cli::Progress progress("dem-run", common.progress, common.quiet);
@@ -193,8 +206,8 @@ int main(int argc, char** argv) {
             file.provenance = tool.provenance_after(start.provenance);
             io::write_checkpoint(saved, file);
         };
-        dem_run::Recorder recorder(trajectory.writer(), scene, position, settings.fields, rules, progress,
-                                   save);
+        dem_run::Recorder recorder(trajectory.writer(), scene, position, settings.fields, shift, rules,
+                                   progress, save);
         const auto wall_start = std::chrono::steady_clock::now();
         const engine::RunEnd end = engine::run(simulation, scene, recorder, position);
         const double wall = seconds_since(wall_start);

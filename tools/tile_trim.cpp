@@ -80,8 +80,12 @@ void register_options(cli::Settings& settings, Options& o) {
                 fmt::format("found {} regions, expected one of --cylinder, --cuboid, --mesh, --pre with "
                             "--post",
                             regions));
-        for (const char* key : {"shift", "source_area", "domain", "fixed_thickness"})
-            if (o.pre.empty() && o.post.empty() && settings.given(key))
+        const std::pair<const char*, bool> of_slopes[] = {{"shift", o.shift != Options{}.shift},
+                                                          {"source_area", !o.source_area.empty()},
+                                                          {"domain", !o.domain.empty()},
+                                                          {"fixed_thickness", o.fixed_thickness.has_value()}};
+        for (const auto& [key, changed] : of_slopes)
+            if (o.pre.empty() && o.post.empty() && changed)
                 settings.reject(key, "found a setting of slopes, expected --pre and --post beside it");
     });
 }

@@ -160,6 +160,7 @@ CLI::App& Tool::app() {
 
 int Tool::run(int argc, char** argv, const std::function<void()>& body) {
     guard_standard_streams();
+    std::signal(SIGXFSZ, SIG_IGN); // a file size limit is a failed write like a full disk
     std::signal(SIGPIPE, SIG_IGN); // a reader that went away is seen when stdout is checked
     const State& s = *state_;
     int code = 0;

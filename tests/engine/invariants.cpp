@@ -237,7 +237,10 @@ TEST(SameBits, RestartAnywhereIsTheUninterruptedRun) {
     Scene scene = testing::settling_scene();
     scene.bond = BondMaterial{5e3, 1, 1.05};
     scene.stress_free_start = true;
-    const Grains g = testing::cloud(400, 0.01, 0.11, 11);
+    Grains g = testing::cloud(400, 0.01, 0.11, 11);
+    g.species.assign(g.size(), Species::grain);
+    for (std::size_t k = 0; k < g.size(); k += 10)
+        g.species[k] = Species::fixed;
     ThreadTeam team(2);
     Simulation whole(scene, g, team);
     std::vector<SavedState> saved;

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstring>
+#include <nlohmann/json.hpp>
 
 namespace talus::dem_run {
 
@@ -115,6 +116,29 @@ Grains unpack_grains(const io::CheckpointFile& file) {
     if (const auto it = file.attributes.find("coordinate_system"); it != file.attributes.end())
         grains.coordinate_system = std::get<std::string>(it->second);
     return grains;
+}
+
+void check_same_run(const io::CheckpointFile& file, const std::string& path, const Grains& grains,
+                    const std::string& config) {
+    const Grains before = unpack_grains(file);
+    if (before.position != grains.position || before.radius != grains.radius ||
+        before.species != grains.species)
+        throw Error(ExitCode::input_invalid,
+                    path +
+                        ": the checkpoint belongs to another model; remove it, or resume with its own model");
+    const auto physics = [](const std::string& text) {
+        nlohmann::json json = nlohmann::json::parse(text.empty() ? "{}" : text);
+        for (const char* key : {"output", "stages", "skin", "kernel", "seed"})
+            json.erase(key);
+        if (json.contains("time"))
+            json["time"].erase("end");
+        return json;
+    };
+    const nlohmann::json changes = nlohmann::json::diff(physics(file.config), physics(config));
+    if (!changes.empty())
+        throw Error(ExitCode::configuration_invalid,
+                    path + ": the checkpoint was made with another " + changes[0]["path"].get<std::string>() +
+                        "; remove it, or resume with the settings it was made with");
 }
 
 engine::SavedState unpack_state(const io::CheckpointFile& file) {

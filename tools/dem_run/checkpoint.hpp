@@ -12,6 +12,11 @@ io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulati
                         const engine::RunPosition& position);
 
 Grains unpack_grains(const io::CheckpointFile& file);
+/// Refuses a checkpoint of other grains (exit 4) or of a scene that differs in more than output, end and
+/// stages (exit 3), naming what differs.
+void check_same_run(const io::CheckpointFile& file, const std::string& path, const Grains& grains,
+                    const std::string& config);
+
 engine::SavedState unpack_state(const io::CheckpointFile& file);
 engine::RunPosition unpack_position(const io::CheckpointFile& file);
 

@@ -6,13 +6,30 @@
 #include <algorithm>
 #include <filesystem>
 #include <fmt/format.h>
+#include <limits>
 
 namespace talus::dem_run {
 
+Vec3 output_shift(const Grains& grains) {
+    constexpr double inf = std::numeric_limits<double>::infinity();
+    Vec3 lower{inf, inf, inf};
+    double largest = 0, smallest_radius = inf;
+    for (std::size_t k = 0; k < grains.size(); ++k) {
+        smallest_radius = std::min(smallest_radius, grains.radius[k]);
+        for (int d = 0; d < 3; ++d) {
+            lower[d] = std::min(lower[d], grains.position[k][d]);
+            largest = std::max(largest, std::abs(grains.position[k][d]));
+        }
+    }
+    if (largest * std::numeric_limits<float>::epsilon() <= 1e-3 * smallest_radius)
+        return {};
+    return {std::floor(lower.x), std::floor(lower.y), std::floor(lower.z)};
+}
+
 Recorder::Recorder(io::TrajectoryWriter& writer, const engine::Scene& scene,
-                   const engine::RunPosition& position, std::vector<std::string> fields, StopRules rules,
-                   cli::Progress& progress, std::function<void()> checkpoint)
-    : writer_(writer), scene_(scene), position_(position), fields_(std::move(fields)),
+                   const engine::RunPosition& position, std::vector<std::string> fields, const Vec3& shift,
+                   StopRules rules, cli::Progress& progress, std::function<void()> checkpoint)
+    : writer_(writer), scene_(scene), position_(position), fields_(std::move(fields)), shift_(shift),
       rules_(std::move(rules)), progress_(progress), checkpoint_(std::move(checkpoint)) {
     std::sort(fields_.begin(), fields_.end());
 }
@@ -23,7 +40,9 @@ void Recorder::stage(const engine::Stage& stage, const engine::Simulation& s, st
 }
 
 void Recorder::frame(const engine::Simulation& s) {
-    const engine::Snapshot now = s.snapshot();
+    engine::Snapshot now = s.snapshot();
+    for (Vec3& x : now.position)
+        x -= shift_;
     std::vector<io::TrajectoryWriter::Field> fields;
     for (const std::string& name : fields_) {
         const std::vector<Vec3>& values = name == "position"           ? now.position
@@ -72,7 +91,7 @@ void Recorder::bonds_broken(std::span<const engine::BondBreak> breaks, const eng
     rows.reserve(breaks.size());
     for (const engine::BondBreak& b : breaks) {
         rows.push_back({b.step, static_cast<double>(b.step) * s.time_step().step,
-                        static_cast<std::int64_t>(b.i), static_cast<std::int64_t>(b.j), b.position,
+                        static_cast<std::int64_t>(b.i), static_cast<std::int64_t>(b.j), b.position - shift_,
                         mode_in_file[b.mode]});
         broken_ += b.mode != 0;
     }

@@ -19,11 +19,15 @@ struct StopRules {
     std::vector<std::string> stop_files;
 };
 
+/// What to take off positions so that single precision resolves them: nothing, or whole metres where the
+/// model's coordinates are so large that a thousandth of the smallest radius would be lost.
+Vec3 output_shift(const Grains& grains);
+
 /// Writes what the engine emits into a trajectory, shows progress, and says when to stop.
 class Recorder : public engine::Observer {
 public:
     Recorder(io::TrajectoryWriter& writer, const engine::Scene& scene, const engine::RunPosition& position,
-             std::vector<std::string> fields, StopRules rules, cli::Progress& progress,
+             std::vector<std::string> fields, const Vec3& shift, StopRules rules, cli::Progress& progress,
              std::function<void()> checkpoint);
 
     void stage(const engine::Stage& stage, const engine::Simulation& s, std::size_t released) override;
@@ -45,6 +49,7 @@ private:
     const engine::Scene& scene_;
     const engine::RunPosition& position_;
     std::vector<std::string> fields_;
+    Vec3 shift_;
     StopRules rules_;
     cli::Progress& progress_;
     std::function<void()> checkpoint_;

@@ -64,6 +64,7 @@ ResumedTrajectory::ResumedTrajectory(const std::string& path, const io::Trajecto
         return;
     copy_until(io::TrajectoryReader(aside, io::TrajectoryReader::Accept::incomplete), resume_step, *writer_);
     fs::remove(aside);
+    continues_ = true;
 }
 
 } // namespace talus::dem_run

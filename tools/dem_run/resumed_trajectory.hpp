@@ -16,9 +16,12 @@ public:
                       std::int64_t resume_step);
 
     io::TrajectoryWriter& writer() { return *writer_; }
+    /// Whether an interrupted run's frames were found.
+    bool continues() const { return continues_; }
 
 private:
     std::unique_ptr<io::TrajectoryWriter> writer_;
+    bool continues_ = false;
 };
 
 } // namespace talus::dem_run

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "packing/assemble.hpp"
+
+#include "search/pairs.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <tuple>
+
+namespace talus::packing {
+
+namespace {
+
+/// Bits of a 21-bit number spread out to every third place.
+std::uint64_t spread(std::uint64_t v) {
+    v &= 0x1FFFFF;
+    v = (v | v << 32) & 0x1F00000000FFFF;
+    v = (v | v << 16) & 0x1F0000FF0000FF;
+    v = (v | v << 8) & 0x100F00F00F00F00F;
+    v = (v | v << 4) & 0x10C30C30C30C30C3;
+    v = (v | v << 2) & 0x1249249249249249;
+    return v;
+}
+
+} // namespace
+
+std::vector<std::uint32_t> morton_order(std::span<const Vec3> position, double cell) {
+    const double per_edge = std::clamp(std::floor(1 / cell), 1.0, 2097151.0);
+    std::vector<std::uint64_t> key(position.size());
+    for (std::size_t i = 0; i < position.size(); ++i) {
+        const auto along = [&](double c) { return spread(static_cast<std::uint64_t>(c * per_edge)); };
+        key[i] = along(position[i].x) | along(position[i].y) << 1 | along(position[i].z) << 2;
+    }
+    std::vector<std::uint32_t> order(position.size());
+    std::iota(order.begin(), order.end(), 0u);
+    std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+        const Vec3 &p = position[a], &q = position[b];
+        return std::tie(key[a], p.x, p.y, p.z, a) < std::tie(key[b], q.x, q.y, q.z, b);
+    });
+    return order;
+}
+
+PgBox assemble_box(std::span<const Vec3> position, std::span<const double> radius, double length,
+                   double density, ThreadTeam& team) {
+    const std::size_t n = position.size();
+    const Box unit{{0, 0, 0}, {1, 1, 1}, {true, true, true}};
+    std::vector<Vec3> wrapped(n);
+    double mean_radius = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+        wrapped[i] = unit.wrap(position[i]);
+        mean_radius += radius[i] / static_cast<double>(n);
+    }
+    const auto order = morton_order(wrapped, 2 * mean_radius);
+    PgBox out;
+    out.length = length;
+    out.density = density;
+    out.position.resize(n);
+    out.radius.resize(n);
+    for (std::size_t row = 0; row < n; ++row) {
+        out.position[row] = out.box().wrap(wrapped[order[row]] * length);
+        out.radius[row] = radius[order[row]] * length;
+    }
+    for (const search::NearPair& pair : search::find_pairs(out.position, out.radius, out.box(), 1, 0, team)) {
+        const Vec3 shift = Vec3{double(pair.image[0]), double(pair.image[1]), double(pair.image[2])} * length;
+        const double overlap = out.radius[pair.i] + out.radius[pair.j] -
+                               norm(out.position[pair.j] + shift - out.position[pair.i]);
+        if (overlap > 0) {
+            out.contacts.pair.push_back({pair.i, pair.j});
+            out.contacts.image.push_back(pair.image);
+            out.contacts.normal_overlap.push_back(overlap);
+        }
+    }
+    return out;
+}
+
+} // namespace talus::packing

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "base/thread_team.hpp"
+#include "particles/grains.hpp"
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace talus::packing {
+
+/// Row order along a Morton (Z-) curve over cells of about one diameter, ties by x, y, z, then by row: rows
+/// near one another in memory are near one another in space.
+/// @param position [N] in units of the box edge, in [0, 1)
+std::vector<std::uint32_t> morton_order(std::span<const Vec3> position, double cell);
+
+/// A PG box from reduced positions (box edge 1, any image) and radii (box edge 1): rows in Morton order,
+/// positions wrapped into [0, length), contacts found from the positions that are stored.
+PgBox assemble_box(std::span<const Vec3> position, std::span<const double> radius, double length,
+                   double density, ThreadTeam& team);
+
+} // namespace talus::packing

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "packing/soft_spheres.hpp"
+
+#include <cstdint>
+#include <functional>
+
+namespace talus::packing {
+
+struct MinimiseLimits {
+    double unbalanced_force = 5e-4; ///< stop below: mean net force of grains in contact / mean contact force
+    double unjammed_overlap = 1e-7; ///< stop below: mean overlap / mean diameter; nothing holds the grains
+    std::int64_t iterations = 200000; ///< stop after
+};
+
+struct Minimum {
+    std::int64_t iterations = 0;
+    bool converged = false; ///< in balance, or unjammed
+    bool jammed = false;    ///< contacts carry force at the end
+    ContactSums sums;
+};
+
+/// Takes the packing to a minimum of its energy by FIRE (Bitzek et al. 2006 PRL 97 170201) with semi-implicit
+/// Euler steps and the half step back of FIRE 2.0 (Guenole et al. 2020 Comput. Mater. Sci. 175 109584):
+/// motion without damping whose velocity is steered towards the force and stopped where it goes uphill. The
+/// largest step follows the stiffest particle, so there is nothing to tune for size, stiffness or pressure.
+/// @param observer called every `observe_every` iterations; may throw to stop
+Minimum minimise(SoftSpheres& spheres, const MinimiseLimits& limits,
+                 const std::function<void(std::int64_t iteration, const ContactSums&)>& observer = {},
+                 std::int64_t observe_every = 50);
+
+} // namespace talus::packing

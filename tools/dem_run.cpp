@@ -59,6 +59,18 @@ Start from_model(const std::string& path, ThreadTeam& team) {
     return start;
 }
 
+/// The engine does not know files: what it finds wrong with the particles gets the input's name here.
+std::unique_ptr<engine::Simulation> make_simulation(const engine::Scene& scene, const Grains& grains,
+                                                    ThreadTeam& team, const std::string& input) {
+    try {
+        return std::make_unique<engine::Simulation>(scene, grains, team);
+    } catch (const Error& error) {
+        if (error.code() == ExitCode::input_invalid)
+            throw Error(error.code(), input + ": " + error.what());
+        throw;
+    }
+}
+
 double peak_memory() {
     rusage usage{};
     getrusage(RUSAGE_SELF, &usage);
@@ -163,7 +175,8 @@ int main(int argc, char** argv) {
             throw Error(ExitCode::configuration_invalid,
                         "stages: the checkpoint's stage is not in this scene; "
                         "resume with the scene it was made with");
-        engine::Simulation simulation(scene, start.grains, team);
+        const auto simulation_ptr = make_simulation(scene, start.grains, team, input);
+        engine::Simulation& simulation = *simulation_ptr;
         tool.note(simulation.time_step().reason);
         if (common.dry_run) {
             tool.result(predict(simulation, scene, settings, common.threads));

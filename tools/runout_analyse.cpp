@@ -164,6 +164,7 @@ nlohmann::json report(const measure::Slide& s, const measure::TravelHistogram& h
         {"travel_histogram", {{"bin_edges", h.bin_edges}, {"fraction", h.fraction}, {"count", h.count}}},
         {"runout_length", r.runout_length},
         {"runout_length_95", r.runout_length_95},
+        {"runout_length_any", r.runout_length_any},
         {"runout_path_length", r.path_length},
         {"drop_height", r.drop_height},
         {"runout_ratio", r.runout_ratio},
@@ -187,7 +188,10 @@ nlohmann::json report(const measure::Slide& s, const measure::TravelHistogram& h
         {"definitions",
          {{"runout_length",
            "horizontal distance, as the crow flies, from the crown (top of the highest released grain "
-           "at the start) to the moved grain furthest from it at the end"},
+           "at the start) to the moved released grain furthest from it at the end; of any moved grain where "
+           "none "
+           "is released"},
+          {"runout_length_any", "the same to the furthest of all moved grains"},
           {"runout_path_length", "horizontal length of the way of that grain"},
           {"runout_angle", "degrees, atan(drop_height / runout_length)"},
           {"moved_volume", "solid volume of the moved grains over solid_volume_fraction"},

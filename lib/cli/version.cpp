@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "cli/version.hpp"
+
 #include "cli/tool.hpp"
+#include "io/quick_check.hpp"
 #include <CLI/Version.hpp>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -38,10 +40,10 @@ constexpr const char* build_flags = "not optimised";
 } // namespace
 
 std::string version_text(const ToolInfo& info) {
-    std::string libraries =
-        fmt::format("CLI11 {}, nlohmann-json {}.{}.{}, fmt {}.{}.{}", CLI11_VERSION,
-                    NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR, NLOHMANN_JSON_VERSION_PATCH,
-                    FMT_VERSION / 10000, FMT_VERSION / 100 % 100, FMT_VERSION % 100);
+    std::string libraries = fmt::format("HDF5 {}, CLI11 {}, nlohmann-json {}.{}.{}, fmt {}.{}.{}",
+                                        io::library_version(), CLI11_VERSION, NLOHMANN_JSON_VERSION_MAJOR,
+                                        NLOHMANN_JSON_VERSION_MINOR, NLOHMANN_JSON_VERSION_PATCH,
+                                        FMT_VERSION / 10000, FMT_VERSION / 100 % 100, FMT_VERSION % 100);
     for (const auto& [name, version] : info.libraries)
         libraries += fmt::format(", {} {}", name, version);
 #if defined(__clang__)

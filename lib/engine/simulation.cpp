@@ -150,10 +150,12 @@ void Simulation::set_initial_contacts() {
         const Record &xi = particles_.position[c.i], &xj = particles_.position[c.j];
         const double distance = norm(xj.vec() - xi.vec()), touch = xi.w + xj.w;
         if (distance < 1e-9 * touch)
-            throw Error(ExitCode::input_invalid,
-                        fmt::format("particles {} and {}: at the same place, so there is no direction to push them "
-                                    "apart; check what wrote the model",
-                                    particles_.id[c.i], particles_.id[c.j]));
+            throw Error(
+                ExitCode::input_invalid,
+                fmt::format(
+                    "particles {} and {}: have the same position, so there is no direction to push them "
+                    "apart; check what wrote the model",
+                    particles_.id[c.i], particles_.id[c.j]));
         const bool bonded = kernel_.bonds && distance < touch * chi;
         if (bonded)
             pairs_.state[k] |= contact::bond_intact;

@@ -21,6 +21,9 @@ FileInfo inspect(const std::string& path);
 /// As inspect(), and an incomplete file is an Error, too.
 FileKind kind_of(const std::string& path);
 
+/// Version of the HDF5 library in use, "1.10.8".
+std::string library_version();
+
 /// Reads every dataset and so tests every checksum. @throws Error input_invalid naming file and dataset.
 void check_all(const std::string& path);
 

@@ -77,6 +77,12 @@ void check_group(const hdf::Group& group) {
 
 } // namespace
 
+std::string library_version() {
+    unsigned major = 0, minor = 0, release = 0;
+    H5get_libversion(&major, &minor, &release);
+    return fmt::format("{}.{}.{}", major, minor, release);
+}
+
 FileInfo inspect(const std::string& path) {
     return info_of(hdf::File::open(path));
 }

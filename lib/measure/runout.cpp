@@ -81,13 +81,17 @@ Runout measure_runout(const SlideStates& slide, double moved_threshold) {
     out.crown_grain = crown_released ? *crown_released : *crown_moved;
     out.crown = top(slide.start[out.crown_grain], slide.radius[out.crown_grain]);
     std::vector<std::pair<double, double>> reach;
+    bool released_moved = false;
+    for (std::size_t i = 0; i < n && !slide.release.empty(); ++i)
+        released_moved = released_moved || (out.moved[i] && slide.release[i]);
     double furthest = -1;
     for (std::size_t i = 0; i < n; ++i) {
         if (!out.moved[i])
             continue;
         const double distance = horizontal_distance(slide.end[i], out.crown);
         reach.emplace_back(distance, std::pow(slide.radius[i], 3));
-        if (distance > furthest) {
+        out.runout_length_any = std::max(out.runout_length_any, distance);
+        if (distance > furthest && (!released_moved || slide.release[i])) {
             furthest = distance;
             out.toe_grain = i;
         }

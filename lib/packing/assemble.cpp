@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "packing/assemble.hpp"
 
+#include "base/morton.hpp"
 #include "search/pairs.hpp"
 
 #include <algorithm>
@@ -10,27 +11,12 @@
 
 namespace talus::packing {
 
-namespace {
-
-/// Bits of a 21-bit number spread out to every third place.
-std::uint64_t spread(std::uint64_t v) {
-    v &= 0x1FFFFF;
-    v = (v | v << 32) & 0x1F00000000FFFF;
-    v = (v | v << 16) & 0x1F0000FF0000FF;
-    v = (v | v << 8) & 0x100F00F00F00F00F;
-    v = (v | v << 4) & 0x10C30C30C30C30C3;
-    v = (v | v << 2) & 0x1249249249249249;
-    return v;
-}
-
-} // namespace
-
 std::vector<std::uint32_t> morton_order(std::span<const Vec3> position, double cell) {
     const double per_edge = std::clamp(std::floor(1 / cell), 1.0, 2097151.0);
     std::vector<std::uint64_t> key(position.size());
     for (std::size_t i = 0; i < position.size(); ++i) {
-        const auto along = [&](double c) { return spread(static_cast<std::uint64_t>(c * per_edge)); };
-        key[i] = along(position[i].x) | along(position[i].y) << 1 | along(position[i].z) << 2;
+        const auto along = [&](double c) { return static_cast<std::uint64_t>(c * per_edge); };
+        key[i] = morton_code(along(position[i].x), along(position[i].y), along(position[i].z));
     }
     std::vector<std::uint32_t> order(position.size());
     std::iota(order.begin(), order.end(), 0u);

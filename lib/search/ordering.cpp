@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "search/ordering.hpp"
 
+#include "base/morton.hpp"
+
 #include <algorithm>
 #include <limits>
 #include <tuple>
@@ -8,16 +10,6 @@
 namespace talus::search {
 
 namespace {
-
-/// Every third bit of the result is a bit of the lower 21 bits of v.
-std::uint64_t spread(std::uint64_t v) {
-    v &= 0x1fffff;
-    v = (v | v << 32) & 0x1f00000000ffff;
-    v = (v | v << 16) & 0x1f0000ff0000ff;
-    v = (v | v << 8) & 0x100f00f00f00f00f;
-    v = (v | v << 4) & 0x10c30c30c30c30c3;
-    return (v | v << 2) & 0x1249249249249249;
-}
 
 struct Key {
     std::uint64_t curve, id;
@@ -51,7 +43,7 @@ std::vector<std::uint32_t> space_filling_order(const ParticleColumns& p, double 
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
             const Vec3 f = (p.position[row].vec() - lower) / cell;
-            keys[row] = {spread(cut(f.x)) | spread(cut(f.y)) << 1 | spread(cut(f.z)) << 2, p.id[row],
+            keys[row] = {morton_code(cut(f.x), cut(f.y), cut(f.z)), p.id[row],
                          static_cast<std::uint32_t>(row)};
         }
         std::sort(keys.begin() + static_cast<std::ptrdiff_t>(begin),

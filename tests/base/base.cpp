@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "base/exact_sum.hpp"
+#include "base/morton.hpp"
 #include "base/random.hpp"
 #include "base/thread_team.hpp"
 #include "base/vec3.hpp"
@@ -87,6 +88,14 @@ TEST(ExactSum, DoesNotDependOnTheOrder) {
     negative.add(-3.25);
     again.set_bits(negative.high_bits(), negative.low_bits());
     EXPECT_EQ(again.value(), -3.25);
+}
+
+TEST(Morton, InterleavesTheBits) {
+    EXPECT_EQ(morton_code(1, 0, 0), 1u);
+    EXPECT_EQ(morton_code(0, 1, 0), 2u);
+    EXPECT_EQ(morton_code(0, 0, 1), 4u);
+    EXPECT_EQ(morton_code(3, 5, 1), 0b010'001'111u);
+    EXPECT_EQ(morton_code(0x1fffff, 0x1fffff, 0x1fffff), 0x7fffffffffffffffu);
 }
 
 TEST(Vec3, CrossProductIsRightHanded) {

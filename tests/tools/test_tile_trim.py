@@ -161,7 +161,7 @@ class TileTrim(ReadsInput, ToolTest):
         self.fails(USAGE, "tile-trim", box, "-o", "x.h5", names="--cuboid")
         for arguments in (["--cuboid", "2,2"], ["--cuboid", "2,2,-1"], ["--cuboid", "2,2,nan"], ["--cylinder", "2,2,2"],
                           ["--cylinder", "2,2", "--cuboid", "2,2,2"], ["--pre", "pre.asc"],
-                          ["--cuboid", "2,2,2", "--shift", "6"], ["--cuboid", "2,2,2", "--radius-max", "0"]):
+                          ["--cuboid", "2,2,2", "--shift", "7"], ["--cuboid", "2,2,2", "--radius-max", "0"]):
             with self.subTest(arguments):
                 self.fails(USAGE, "tile-trim", box, *arguments, "-o", "x.h5")
         # A radius larger than the region.

@@ -109,8 +109,9 @@ void register_settings(cli::Settings& s, packing::CompressSettings& c, std::stri
         {0, 0.2});
     s.number("quench_unbalanced_force", c.quench_unbalanced_force, Unit::none,
              "net over contact force at which that relaxation ends", {0, 1, true, false});
-    s.number("unbalanced_force", c.unbalanced_force, Unit::none, "net over contact force at the end",
-             {0, 1, true, false});
+    s.optional_number("unbalanced_force", c.unbalanced_force, Unit::none,
+                      "net over contact force at the end; auto: 5e-4, 9e-4 above 30,000 grains",
+                      {0, 1, true, false});
     s.integer("attempts", c.attempts, "starts and recompressions at most", 1);
     s.integer("iterations", c.iterations, "force evaluations at most, all attempts together", 1);
 }

@@ -37,7 +37,7 @@ void check(const CompressSettings& s) {
     positive("material.density", s.material.density);
     positive("material.youngs_modulus", s.material.youngs_modulus);
     positive("quench_unbalanced_force", s.quench_unbalanced_force);
-    positive("unbalanced_force", s.unbalanced_force);
+    positive("unbalanced_force", s.unbalanced_force.value_or(1));
     if (!(s.material.poissons_ratio > -1 && s.material.poissons_ratio <= 0.5))
         throw Error(ExitCode::configuration_invalid,
                     fmt::format("material.poissons_ratio: found {}, expected above -1 and at most 0.5",
@@ -63,10 +63,12 @@ Window coordination_window(const CompressSettings& s, std::int64_t particles) {
 }
 
 /// Measured to meet the published coordination numbers; grains of many sizes jam denser by themselves.
-double default_overcompression(const GrainSizes& sizes, std::int64_t particles) {
-    if (sizes.radius_min_ratio < 1)
-        return 0.004;
-    return particles < 30000 ? 0.013 : 0.018;
+double default_overcompression(const GrainSizes& sizes) {
+    return sizes.radius_min_ratio < 1 ? 0.004 : 0.013;
+}
+
+double default_unbalanced_force(std::int64_t particles) {
+    return particles > 30000 ? 9e-4 : 5e-4;
 }
 
 /// One box being made: the spheres and what is written down on the way.
@@ -86,7 +88,7 @@ private:
     /// Isotropic strain to a solid fraction, then relaxation; work_* are parts of the whole for the observer.
     Minimum relax_at(double fraction, double unbalanced_force, double work_begin, double work_end);
     CompressState state_of(std::int64_t iteration, const ContactSums& sums) const;
-    std::string what_fell_short(const Minimum& minimum, const Window& window) const;
+    std::string what_fell_short(const Minimum& minimum, double balance, const Window& window) const;
 
     const CompressSettings& settings_;
     ThreadTeam& team_;
@@ -153,12 +155,12 @@ CompressState Press::state_of(std::int64_t iteration, const ContactSums& sums) c
             .unbalanced_force = sums.unbalanced_force()};
 }
 
-std::string Press::what_fell_short(const Minimum& minimum, const Window& window) const {
+std::string Press::what_fell_short(const Minimum& minimum, double balance, const Window& window) const {
     const CompressState state = state_of(iterations_, minimum.sums);
     if (!minimum.converged)
         return fmt::format(
             "unbalanced_force is {:.3g} after {} iterations, above {:g}: allow more iterations",
-            state.unbalanced_force, iterations_, settings_.unbalanced_force);
+            state.unbalanced_force, iterations_, balance);
     if (!minimum.jammed)
         return fmt::format(
             "pressure is 0: grains of these sizes are not jammed at a solid volume fraction of {}: use a "
@@ -176,7 +178,8 @@ CompressResult Press::run() {
     const double target = settings_.sizes.solid_volume_fraction;
     const auto particles = static_cast<std::int64_t>(radii_.radius.size());
     const Window window = coordination_window(settings_, particles);
-    double excess = settings_.overcompression.value_or(default_overcompression(settings_.sizes, particles));
+    const double balance = settings_.unbalanced_force.value_or(default_unbalanced_force(particles));
+    double excess = settings_.overcompression.value_or(default_overcompression(settings_.sizes));
     std::uint64_t restarts = 0;
     bool from_random = true;
     Minimum minimum;
@@ -184,7 +187,7 @@ CompressResult Press::run() {
         if (from_random)
             restart(restarts++);
         minimum = relax_at(target + excess, settings_.quench_unbalanced_force, 0, 0.2);
-        minimum = relax_at(target, settings_.unbalanced_force, 0.2, 1);
+        minimum = relax_at(target, balance, 0.2, 1);
         const bool spent = attempt_ >= settings_.attempts || iterations_ >= settings_.iterations;
         const double z = 2 * static_cast<double>(minimum.sums.contacts) / static_cast<double>(particles);
         if (spent || (minimum.jammed && z >= window.lowest && z <= window.highest))
@@ -195,7 +198,7 @@ CompressResult Press::run() {
         excess *= from_random ? 0.8 : 1.3;
     }
     CompressResult result;
-    result.failure = what_fell_short(minimum, window);
+    result.failure = what_fell_short(minimum, balance, window);
     result.converged = result.failure.empty();
     result.end = state_of(iterations_, minimum.sums);
     result.history = std::move(history_);

@@ -94,7 +94,7 @@ CandidateList::Pairs CandidateList::find(const ParticleColumns& p, double factor
                         const double reach = (self.w + other.w) * factor + margin;
                         if (dx * dx + dy * dy + dz * dz >= reach * reach || j == i || !holds(p, i, j))
                             continue;
-                        out.push_back({i, j}); // holder first, for now
+                        out.push_back({i, j}); // holder first; oriented by id below
                     }
         }
     });

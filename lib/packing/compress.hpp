@@ -39,8 +39,8 @@ struct CompressSettings {
 };
 
 /// Coordination number of the published frictionless boxes (Chen, Furuichi & Nishiura, Table 2: 6.086 / 6.116
-/// / 6.271 / 6.322 / 6.419 for 1,222,346 / 152,799 / 5,660 / 708 / 210 grains at 0.640), linear in log N
-/// between.
+/// / 6.271 / 6.322 / 6.419 for 1,222,346 / 152,799 / 5,660 / 708 / 210 equal grains at 0.640), linear in log
+/// N between. Only boxes of equal grains within 0.0015 of that fraction are held to it by default.
 double aimed_coordination_number(std::int64_t particles);
 
 /// Measures at one moment.

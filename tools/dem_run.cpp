@@ -42,8 +42,7 @@ std::string checkpoint_path(std::string output, const std::string& given) {
     return output + ".ckpt.h5";
 }
 
-Start from_checkpoint(const std::string& path) {
-    const io::CheckpointFile file = io::read_checkpoint(path);
+Start from_checkpoint(const io::CheckpointFile& file) {
     return {dem_run::unpack_grains(file), file.provenance, dem_run::unpack_state(file),
             dem_run::unpack_position(file)};
 }
@@ -162,13 +161,17 @@ int main(int argc, char** argv) {
 
         const std::string usable = resume == "auto" && !common.dry_run ? io::usable_checkpoint(saved) : "";
         const bool input_is_checkpoint = io::kind_of(input) == io::FileKind::checkpoint;
-        Start start = !usable.empty()       ? from_checkpoint(usable)
-                      : input_is_checkpoint ? from_checkpoint(input)
-                                            : from_model(input, team);
-        if (!usable.empty() && !input_is_checkpoint)
-            dem_run::check_same_run(io::read_checkpoint(usable), usable, from_model(input, team).grains,
-                                    tool.effective_config().dump());
-        else if (resume == "auto" && !common.dry_run && usable.empty() && std::filesystem::exists(saved))
+        Start start;
+        if (!usable.empty() || input_is_checkpoint) {
+            const io::CheckpointFile file = io::read_checkpoint(usable.empty() ? input : usable);
+            if (!input_is_checkpoint)
+                dem_run::check_same_run(file, usable, from_model(input, team).grains,
+                                        tool.effective_config().dump());
+            start = from_checkpoint(file);
+        } else {
+            start = from_model(input, team);
+        }
+        if (resume == "auto" && !common.dry_run && usable.empty() && std::filesystem::exists(saved))
             tool.warn(saved +
                       ": the checkpoint is damaged and there is no earlier one; starting from the beginning");
         if (start.position.stage >= scene.stages.size())

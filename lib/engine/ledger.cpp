@@ -36,7 +36,7 @@ void Simulation::collect_tallies(bool first) {
     if (viscous_damping_ <= 0)
         integrals_[viscous_power].last.reset();
     integrals_[supplied_power].last.reset();
-    if (walls_.fastest() > 0 || walls_.any())
+    if (walls_.moving())
         walls_.add_power(integrals_[supplied_power].last);
 
     contacts_ = 0;

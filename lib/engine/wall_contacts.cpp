@@ -21,6 +21,11 @@ double WallContacts::fastest() const {
     return speed;
 }
 
+bool WallContacts::moving() const {
+    return std::any_of(walls_.begin(), walls_.end(),
+                       [](const PlaneWall& wall) { return norm2(wall.velocity) > 0; });
+}
+
 void WallContacts::move(double dt) {
     for (PlaneWall& wall : walls_)
         wall.point += dt * wall.velocity;

@@ -28,6 +28,8 @@ public:
     std::size_t count() const { return walls_.size(); }
     /// Fastest wall speed towards the grains, m/s.
     double fastest() const;
+    /// Whether any wall moves at all, along its normal or in its plane.
+    bool moving() const;
     void move(double dt);
 
     /// Lists particles with distance to a wall < r + margin; keeps the history of those listed before.

@@ -6,8 +6,8 @@
 
 namespace talus::dem_run {
 
-/// A whole run as a checkpoint: the particles as they were at the start, the engine's state, the place in the
-/// stages and how many list rebuilds and bonds there were.
+/// A whole run as a checkpoint: the particles as they were at the start, the engine's state and the place in
+/// the stages.
 io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulation,
                         const engine::RunPosition& position);
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "base/error.hpp"
+#include "base/simd_target.hpp"
 #include "cli/progress.hpp"
 #include "cli/signals.hpp"
 #include "cli/streams.hpp"
@@ -90,7 +91,9 @@ nlohmann::json common_result(const engine::Simulation& s, int threads) {
             {"time_step_reason", s.time_step().reason},
             {"pairs_per_particle", static_cast<double>(s.candidates()) / n},
             {"contacts_per_particle", static_cast<double>(s.contacts()) / n},
+            {"outer_pairs_per_particle", static_cast<double>(s.outer_candidates()) / n},
             {"kernel", s.kernel_name()},
+            {"simd", simd_target()},
             {"threads", threads},
             {"ranks", 1},
             {"bytes_per_particle", static_cast<double>(s.memory()) / n},
@@ -135,9 +138,9 @@ int main(int argc, char** argv) {
          .epilog = "Example: dem-run slope.model.h5 -c scene.json -o slide.traj.h5 --resume auto",
          .libraries = {},
          .result_in_output = false,
-         .simd_target = ""});
+         .simd_target = simd_target()});
     dem_run::SceneSettings settings(tool.settings());
-    std::string checkpoint, resume = "never", max_wall, interval = "10min";
+    std::string simd = "auto", checkpoint, resume = "never", max_wall, interval = "10min";
     tool.app().add_option("--checkpoint", checkpoint,
                           "checkpoint file; default: the output's name with .ckpt.h5");
     tool.app().add_option("--checkpoint-interval", interval, "wall time between checkpoints");
@@ -147,8 +150,18 @@ int main(int argc, char** argv) {
     tool.app().add_option("--max-wall", max_wall,
                           "stop with a checkpoint (exit 75) after this wall time, as 3h50m");
 
+    tool.app()
+        .add_option("--simd", simd, "instruction set of the kernels, for tests; TALUS_SIMD does the same")
+        ->check(CLI::IsMember([] {
+            std::vector<std::string> names = simd_targets();
+            names.insert(names.begin(), "auto");
+            return names;
+        }()));
+
     return tool.run(argc, argv, [&] {
         const cli::Common& common = tool.common();
+        if (simd != "auto")
+            force_simd_target(simd);
         ThreadTeam team(common.threads);
         engine::Scene scene = settings.scene();
         const std::string& input = common.inputs.front();
@@ -215,7 +228,10 @@ int main(int argc, char** argv) {
         cli::install_stop_handler();
         cli::Progress progress("dem-run", common.progress, common.quiet);
         engine::RunPosition position = start.position;
+        std::function<void()> tell_breaks;
         const auto save = [&] {
+            simulation.evaluate();
+            tell_breaks(); // all up to the checkpoint are in the trajectory
             trajectory.writer().flush();
             io::CheckpointFile file = dem_run::pack(start.grains, simulation, position);
             file.config = config;
@@ -224,6 +240,10 @@ int main(int argc, char** argv) {
         };
         dem_run::Recorder recorder(trajectory.writer(), scene, position, settings.fields, shift, rules,
                                    progress, save);
+        tell_breaks = [&] {
+            if (const auto breaks = simulation.take_breaks(); !breaks.empty())
+                recorder.bonds_broken(breaks, simulation);
+        };
         const auto wall_start = std::chrono::steady_clock::now();
         const engine::RunEnd end = engine::run(simulation, scene, recorder, position);
         const double wall = seconds_since(wall_start);
@@ -249,6 +269,7 @@ int main(int argc, char** argv) {
         json["particle_steps_per_second"] =
             wall > 0 ? steps * static_cast<double>(simulation.size()) / wall : 0;
         json["list_rebuilds"] = simulation.list_rebuilds();
+        json["list_refreshes"] = simulation.list_refreshes();
         json["asleep_fraction"] = 0;
         json["sleep_error"] = 0;
         json["energy_error"] = simulation.energy_error();

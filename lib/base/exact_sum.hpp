@@ -31,6 +31,12 @@ public:
         sum_ += other.sum_;
         overflowed_ = overflowed_ || other.overflowed_;
     }
+    /// For vector code: the factor that turns terms into quanta, which are cut to integers, and the sum of
+    /// such integers as high 2^32 + low.
+    double quanta_per_unit() const { return to_quanta_; }
+    void add_quanta(std::int64_t high, std::int64_t low) {
+        sum_ += static_cast<__int128>(high) * (std::int64_t{1} << 32) + low;
+    }
     void reset() {
         sum_ = 0;
         overflowed_ = false;

@@ -33,6 +33,11 @@ public:
                  const_cast<void*>(static_cast<const void*>(&body)));
     }
 
+    /// Length of each of `parts` parts of [0, n) but the last, a multiple of `align`.
+    static std::size_t part_size(std::size_t n, std::size_t parts, std::size_t align = 16) {
+        return ((n + parts - 1) / parts + align - 1) / align * align;
+    }
+
     /// Cuts [0, n) into one contiguous part per thread (multiples of `align`) and calls body(begin, end,
     /// thread). The cut depends on n and the team's size only; results must not depend on where it lies.
     template <class Body>
@@ -42,13 +47,27 @@ public:
                 body(std::size_t{0}, n, 0);
             return;
         }
-        const std::size_t parts = static_cast<std::size_t>(size_);
-        const std::size_t chunk = ((n + parts - 1) / parts + align - 1) / align * align;
+        const std::size_t chunk = part_size(n, static_cast<std::size_t>(size_), align);
         run([&](int thread) {
             const std::size_t begin = std::min(n, chunk * static_cast<std::size_t>(thread));
             const std::size_t end = std::min(n, begin + chunk);
             if (begin < end)
                 body(begin, end, thread);
+        });
+    }
+
+    /// Like for_range, for a loop over n whose parts do work of `size` in all: also parts that are empty are
+    /// called, with body(begin, end, last part or not, thread).
+    template <class Body>
+    void for_parts(std::size_t n, std::size_t size, Body&& body, std::size_t align = 1) {
+        if (size_ == 1 || size < serial_below_) {
+            body(std::size_t{0}, n, true, 0);
+            return;
+        }
+        const std::size_t chunk = part_size(n, static_cast<std::size_t>(size_), align);
+        run([&](int thread) {
+            const std::size_t begin = std::min(n, chunk * static_cast<std::size_t>(thread));
+            body(begin, std::min(n, begin + chunk), thread == size_ - 1, thread);
         });
     }
 

@@ -2,6 +2,7 @@
 #pragma once
 #include "particles/material.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -10,6 +11,16 @@ namespace talus::contact {
 /// `paper`: Eqs. 10-11 as printed, restitution near the nominal one. `exact`: restitution equals the nominal
 /// one.
 enum class DampingRule { paper, exact };
+
+/// `hertz_mindlin`: physics.md. `linear`: springs of constant stiffness and dashpots proportional to the
+/// effective mass (Cundall & Strack 1979; what LAMMPS calls hooke/history), for comparison with other programs.
+enum class Law { hertz_mindlin, linear };
+
+/// The linear law's numbers: F_n = k_n dn - M gamma_n v_n, F_t = -k_t u_t - M gamma_t v_t.
+struct LinearLaw {
+    double normal_stiffness = 0, tangential_stiffness = 0; ///< N/m
+    double normal_damping = 0, tangential_damping = 0;     ///< 1/s
+};
 
 /// What happens to the dashpot's pull while an unbonded pair separates: kept until the overlap is zero (Eq.
 /// 17 as written), or the normal force cut at zero.
@@ -51,15 +62,17 @@ inline double hertz_stiffness(double effective_modulus, double effective_radius,
     return 4.0 / 3.0 * effective_modulus * std::sqrt(effective_radius * std::abs(overlap));
 }
 
-/// Everything about a pair of materials that the law needs.
+/// Everything about a pair of materials that the law needs; with the linear law stiffnesses are N/m and taken as
+/// they are, and eta_n = damping M.
 struct Constants {
     double normal_stiffness = 0;     ///< Pa: Kn = normal_stiffness sqrt(R |dn|)
     double tangential_stiffness = 0; ///< Pa: Kt = tangential_stiffness sqrt(R |dn|)
-    double damping = 0;              ///< alpha
+    double damping = 0;              ///< alpha; linear law: gamma_n, 1/s
     double tangential_damping = 0;   ///< eta_t / eta_n = sqrt(Kt / Kn)
     double friction = 0;             ///< mu
     double bond_pressure = 0;        ///< P_b, Pa
     double bond_friction = 0;        ///< mu_b
+    Law law = Law::hertz_mindlin;
     Separation separation = Separation::tension;
     LeverArm lever_arm = LeverArm::contact_point;
 };
@@ -80,6 +93,30 @@ inline Constants make_constants(const Material& grain, const Material& other, co
     c.separation = separation;
     c.lever_arm = lever_arm;
     return c;
+}
+
+/// The linear law between any grains and walls; a wall keeps its own friction.
+inline Constants make_linear_constants(const LinearLaw& law, double friction, Separation separation,
+                                       LeverArm lever_arm) {
+    Constants c;
+    c.law = Law::linear;
+    c.normal_stiffness = law.normal_stiffness;
+    c.tangential_stiffness = law.tangential_stiffness;
+    c.damping = law.normal_damping;
+    c.tangential_damping = law.normal_damping > 0 ? law.tangential_damping / law.normal_damping : 0;
+    c.friction = friction;
+    c.separation = separation;
+    c.lever_arm = lever_arm;
+    return c;
+}
+
+/// Interface of two different grain materials: the smoother one decides about sliding, restitutions combine by
+/// their geometric mean; elastic constants combine as in `make_constants`.
+inline Material interface_of(const Material& a, const Material& b) {
+    Material both = b;
+    both.friction = std::min(a.friction, b.friction);
+    both.restitution = std::sqrt(a.restitution * b.restitution);
+    return both;
 }
 
 /// Tensile capacity of a bond, F_b = P_b pi (2 ri rj/(ri + rj))^2 (Eq. 14), N; R = ri rj/(ri + rj).

@@ -11,10 +11,11 @@
 namespace talus::contact {
 
 /// What the scene has. Bonds need the tangential part; without it no rotation is looked at.
-template <bool Tangential, bool Bonds, bool Offsets>
+template <bool Tangential, bool Bonds, bool Offsets, bool Linear = false>
 struct Features {
     static_assert(Tangential || !Bonds, "a bond carries shear");
-    static constexpr bool tangential = Tangential, bonds = Bonds, offsets = Offsets;
+    static_assert(!Linear || !Bonds, "bonds are Hertz-Mindlin's");
+    static constexpr bool tangential = Tangential, bonds = Bonds, offsets = Offsets, linear = Linear;
 };
 
 /// State of one contact between steps, as bits.
@@ -72,10 +73,12 @@ inline double damping_scale(double load_i, double load_j) {
 /// Elastic energy of the normal spring at overlap dn (m), J; a stretched bond softens beyond its strength
 /// (Eq. 17): F = 2 F_b - k |dn|^1.5.
 inline double normal_energy(const Constants& c, double effective_radius, double overlap, bool bonded) {
-    const double k = c.normal_stiffness * std::sqrt(effective_radius);
     const double d = std::abs(overlap);
     if (overlap < 0 && !bonded)
         return 0;
+    if (c.law == Law::linear)
+        return 0.5 * c.normal_stiffness * d * d;
+    const double k = c.normal_stiffness * std::sqrt(effective_radius);
     const double full = 0.4 * k * d * d * std::sqrt(d);
     if (overlap >= 0)
         return full;
@@ -109,6 +112,16 @@ inline Vec3 tangential_increment(const Motion& m, double dt, double step) {
     return dt * (v - dot(v, m.normal) * m.normal);
 }
 
+/// The tangential displacement after a slip: set back to `target`, with which spring and dashpot give just the
+/// slider's force, but never stretched and never turned round. Where the dashpot alone exceeds the slider (a
+/// contact that slips from its first touch on) the target points backwards and grows without bound as the step
+/// shrinks: a spring loaded so pushed the grains along their sliding, and results did not converge in the step.
+inline Vec3 slid_back(const Vec3& u, const Vec3& target) {
+    if (dot(u, target) <= 0)
+        return {};
+    return norm2(target) < norm2(u) ? target : u;
+}
+
 /// Force of the contact at the full step t; brings its history from t - step to t (step = 0: the first
 /// evaluation of a run, which gains nothing).
 template <class F>
@@ -131,11 +144,11 @@ template <class F>
         return f;
     }
 
-    const double root = std::sqrt(m.effective_radius * std::abs(overlap));
+    const double root = F::linear ? 1.0 : std::sqrt(m.effective_radius * std::abs(overlap));
     const double kn = c.normal_stiffness * root;
     const double vn = dot(m.velocity, m.normal);
     const double elastic = kn * overlap;
-    f.damping = c.damping * std::sqrt(m.effective_mass * kn);
+    f.damping = c.damping * (F::linear ? m.effective_mass : std::sqrt(m.effective_mass * kn));
     const double eta_n = m.damping_scale * f.damping;
     const double spring_dashpot = elastic + eta_n * vn;
     f.normal = spring_dashpot;
@@ -214,7 +227,8 @@ template <class F>
             const double length2 = norm2(trial);
             if (length2 > limit * limit) {
                 f.tangential = trial * (limit / std::sqrt(length2));
-                h.tangential_displacement = (f.tangential + eta_t * vt) * (-1 / kt);
+                h.tangential_displacement =
+                    slid_back(h.tangential_displacement, (f.tangential + eta_t * vt) * (-1 / kt));
             }
         }
         f.tangential_intake = -dot(f.tangential, vt);

@@ -35,13 +35,16 @@ ReferenceResult reference_pair_force(const Constants& c, const ReferenceParticle
 
     const double R = i.radius * j.radius / (i.radius + j.radius);
     const double M = i.mass * j.mass / (i.mass + j.mass);
-    const double Kn = c.normal_stiffness * std::sqrt(R * std::abs(dn));     // Eq. 9
-    const double Kt = c.tangential_stiffness * std::sqrt(R * std::abs(dn)); // Eq. 10
+    const bool linear = c.law == Law::linear;
+    const double Kn = linear ? c.normal_stiffness : c.normal_stiffness * std::sqrt(R * std::abs(dn)); // Eq. 9
+    const double Kt =
+        linear ? c.tangential_stiffness : c.tangential_stiffness * std::sqrt(R * std::abs(dn)); // Eq. 10
     const double limit = tangential ? largest_damping_load<Features<true, false, false>>
                                     : largest_damping_load<Features<false, false, false>>;
     const double share = std::min(1.0, limit / std::max(i.damping_load, j.damping_load));
-    const double eta_n = share * c.damping * std::sqrt(M * Kn); // Eq. 11
-    const double eta_t = share * c.damping * std::sqrt(M * Kt);
+    const double eta = linear ? c.damping * M : c.damping * std::sqrt(M * Kn); // Eq. 11
+    const double eta_n = share * eta;
+    const double eta_t = share * (linear ? c.tangential_damping * eta : c.damping * std::sqrt(M * Kt));
     const double stretch = c.lever_arm == LeverArm::contact_point ? distance / touch : 1.0;
     const double arm_i = i.radius * stretch, arm_j = j.radius * stretch;
 
@@ -102,7 +105,12 @@ ReferenceResult reference_pair_force(const Constants& c, const ReferenceParticle
     Vec3 Ft = Ft_sd;
     if (!bonded && norm(Ft_sd) > c.friction * std::abs(Fn)) { // Eq. 12, Coulomb
         Ft = Ft_sd * (c.friction * std::abs(Fn) / norm(Ft_sd));
-        h.tangential_displacement = (Ft + eta_t * vt) / -Kt;
+        // So that spring and dashpot give Ft; but a slip never stretches the spring nor turns it round.
+        const Vec3 set_back = (Ft + eta_t * vt) / -Kt;
+        if (dot(set_back, h.tangential_displacement) <= 0)
+            h.tangential_displacement = {};
+        else if (norm(set_back) < norm(h.tangential_displacement))
+            h.tangential_displacement = set_back;
     }
     h.state |= contact_active;
 
@@ -113,7 +121,7 @@ ReferenceResult reference_pair_force(const Constants& c, const ReferenceParticle
     out.parts.normal = Fn;
     out.parts.tangential = Ft;
     out.parts.active = true;
-    out.parts.damping = c.damping * std::sqrt(M * Kn);
+    out.parts.damping = eta;
     out.parts.dissipation = (Fn - elastic) * vn;
     out.parts.tangential_intake = -dot(Ft, vt);
     return out;

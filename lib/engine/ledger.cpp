@@ -9,13 +9,12 @@
 
 namespace talus::engine {
 
-Vec3 Simulation::full_velocity(std::size_t row) const {
-    return particles_.velocity[row].vec() + 0.5 * time_step_.step * particles_.acceleration[row];
+Vec3 Simulation::full_velocity(std::size_t row, const Net& net) const {
+    return particles_.velocity[row].vec() + 0.5 * time_step_.step * net.acceleration;
 }
 
-Vec3 Simulation::full_angular_velocity(std::size_t row) const {
-    return particles_.angular_velocity[row].vec() +
-           0.5 * time_step_.step * particles_.angular_acceleration[row];
+Vec3 Simulation::full_angular_velocity(std::size_t row, const Net& net) const {
+    return particles_.angular_velocity[row].vec() + 0.5 * time_step_.step * net.angular_acceleration;
 }
 
 Vec3 Simulation::unwrapped(std::size_t row) const {
@@ -26,6 +25,19 @@ Vec3 Simulation::unwrapped(std::size_t row) const {
         if (image[static_cast<std::size_t>(k)] != 0)
             x[k] += image[static_cast<std::size_t>(k)] * edge[k];
     return x;
+}
+
+void Simulation::add_viscous_power() {
+    const ParticleColumns& p = particles_;
+    ExactSum& power = integrals_[viscous_power].last;
+    power.reset();
+    for (std::size_t row = 0; row < p.owned; ++row) {
+        if (p.species[row] == Species::fixed)
+            continue;
+        const Vec3 v = p.velocity[row].vec() + p.half_kick[row].velocity();
+        const Vec3 w = p.angular_velocity[row].vec() + p.half_kick[row].spin() / p.position[row].w;
+        power.add(viscous_damping_ * (p.velocity[row].w * norm2(v) + p.angular_velocity[row].w * norm2(w)));
+    }
 }
 
 /// Adds this step's powers to the integrals; all sums are exact, so their order does not matter.
@@ -72,6 +84,7 @@ double Simulation::integral(Power which) const {
 }
 
 Energies Simulation::energies() const {
+    evaluated();
     const ParticleColumns& p = particles_;
     const double scale = scene_.material.youngs_modulus * std::pow(largest_radius_, 3);
     ExactSum kinetic(scale), potential(scale), elastic(scale);
@@ -79,10 +92,11 @@ Energies Simulation::energies() const {
         if (p.species[row] == Species::fixed)
             continue;
         const double m = p.velocity[row].w;
-        kinetic.add(0.5 * m * norm2(full_velocity(row)));
-        if (kernel_.tangential)
-            kinetic.add(0.5 * p.angular_velocity[row].w * norm2(full_angular_velocity(row)));
-        potential.add(-m * dot(scene_.gravity, unwrapped(row) - start_position_[p.id[row]]));
+        const Net acting = net(row);
+        kinetic.add(0.5 * m * norm2(full_velocity(row, acting)));
+        if (kernel_.traits.tangential)
+            kinetic.add(0.5 * p.angular_velocity[row].w * norm2(full_angular_velocity(row, acting)));
+        potential.add(-m * dot(scene_.gravity, unwrapped(row)));
     }
     for (std::size_t k = 0; k < list_.size(); ++k) {
         if (!(pairs_.state[k] & contact::contact_active))
@@ -92,14 +106,14 @@ Energies Simulation::energies() const {
         const double touch = xi.w + xj.w;
         const double overlap =
             touch - norm(xj.vec() - xi.vec()) - (pairs_.offset.empty() ? 0 : pairs_.offset[k]);
-        elastic.add(contact::normal_energy(constants_, xi.w * xj.w / touch, overlap,
+        elastic.add(contact::normal_energy(constants_.of(p, c), xi.w * xj.w / touch, overlap,
                                            pairs_.state[k] & contact::bond_intact));
     }
     walls_.add_elastic_energy(p, elastic);
 
     Energies e;
     e.kinetic = kinetic.value();
-    e.potential = potential.value();
+    e.potential = potential.value() - start_potential_;
     e.elastic = elastic.value();
     e.tangential = integral(tangential_power);
     e.damping = integral(damping_power) + integral(viscous_power);
@@ -116,22 +130,24 @@ double Simulation::energy_error() const {
 }
 
 RestState Simulation::rest_state() const {
+    evaluated();
     const ParticleColumns& p = particles_;
     const double scale = scene_.material.youngs_modulus * largest_radius_ * largest_radius_;
-    ExactSum net(scale), contact_force(scale), speed2(1e6);
+    ExactSum net_force(scale), contact_force(scale), speed2(1e6);
     RestState rest;
     for (std::size_t row = 0; row < p.owned; ++row) {
         if (p.species[row] == Species::fixed)
             continue;
-        net.add(p.velocity[row].w * norm(p.acceleration[row]));
-        const double v2 = norm2(full_velocity(row));
+        const Net acting = net(row);
+        net_force.add(p.velocity[row].w * norm(acting.acceleration));
+        const double v2 = norm2(full_velocity(row, acting));
         speed2.add(v2);
         rest.max_speed = std::max(rest.max_speed, v2);
     }
     std::size_t contacts = 0;
     for (std::size_t k = 0; k < list_.size(); ++k)
         if (pairs_.state[k] & contact::contact_active) {
-            contact_force.add(norm(pairs_.force[k].force));
+            contact_force.add(norm(pairs_.force_of(k)));
             ++contacts;
         }
     const std::size_t pair_contacts = contacts;
@@ -146,7 +162,7 @@ RestState Simulation::rest_state() const {
     const auto count = static_cast<double>(mobile_);
     rest.rms_speed = std::sqrt(speed2.value() / count);
     rest.coordination_number = 2 * static_cast<double>(pair_contacts) / count;
-    const double mean_net = net.value() / count;
+    const double mean_net = net_force.value() / count;
     const double mean_contact = contacts > 0 ? contact_force.value() / static_cast<double>(contacts) : 0;
     rest.unbalanced_force = mean_net == 0 ? 0 : (mean_contact > 0 ? mean_net / mean_contact : 1e300);
     return rest;
@@ -159,13 +175,18 @@ bool Simulation::at_rest(const RestState& rest) const {
 }
 
 std::size_t Simulation::bonds() const {
+    return evaluated().count_bonds();
+}
+
+std::size_t Simulation::count_bonds() const {
     std::size_t count = 0;
-    for (const std::uint8_t state : pairs_.state)
-        count += (state & contact::bond_intact) != 0;
+    for (std::size_t k = 0; k < list_.size(); ++k)
+        count += (pairs_.state[k] & contact::bond_intact) != 0;
     return count;
 }
 
 std::size_t Simulation::release(bool whole_mass) {
+    evaluate(); // what breaks here acts from the next step on
     const ParticleColumns& p = particles_;
     std::vector<BondBreak> released;
     for (std::size_t k = 0; k < list_.size(); ++k) {
@@ -177,8 +198,8 @@ std::size_t Simulation::release(bool whole_mass) {
         const double touch = xi.w + xj.w, radius = xi.w * xj.w / touch;
         const double overlap =
             touch - norm(xj.vec() - xi.vec()) - (pairs_.offset.empty() ? 0 : pairs_.offset[k]);
-        fractured_.add(contact::normal_energy(constants_, radius, overlap, true) -
-                       contact::normal_energy(constants_, radius, overlap, false));
+        fractured_.add(contact::normal_energy(constants_.of(p, c), radius, overlap, true) -
+                       contact::normal_energy(constants_.of(p, c), radius, overlap, false));
         pairs_.state[k] =
             static_cast<std::uint8_t>((pairs_.state[k] & ~contact::bond_intact) | contact::bond_broken);
         released.push_back({p.id[c.i], p.id[c.j], 0.5 * (xi.vec() + xj.vec()), 0, step_});
@@ -198,10 +219,9 @@ std::size_t Simulation::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
     const ParticleColumns& p = particles_;
     return bytes(p.position) + bytes(p.velocity) + bytes(p.angular_velocity) + bytes(p.half_kick) +
-           bytes(p.id) + bytes(p.acceleration) + bytes(p.angular_acceleration) + bytes(p.species) +
-           bytes(p.release) + bytes(p.image) + bytes(p.ghost_owner) + bytes(p.ghost_shift) +
-           bytes(pairs_.tangential_displacement) + bytes(pairs_.offset) + bytes(pairs_.state) +
-           bytes(pairs_.force) + bytes(listed_position_) + bytes(start_position_) + list_.memory();
+           bytes(p.id) + bytes(p.material) + bytes(p.species) + bytes(p.release) + bytes(p.image) +
+           bytes(p.ghost_owner) + bytes(p.ghost_shift) + pairs_.memory() + bytes(listed_position_) +
+           list_.memory();
 }
 
 } // namespace talus::engine

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "engine/pair_kernel.hpp"
 
+#include "base/error.hpp"
+#include "base/simd_target.hpp"
 #include "contact/reference.hpp"
+#include "engine/vector_kernel.hpp"
 
 #include <algorithm>
 
@@ -10,6 +13,94 @@ namespace talus::engine {
 using contact::Constants;
 using contact::History;
 using contact::Motion;
+
+std::string KernelTraits::name() const {
+    std::string name = tangential ? "tangential" : "frictionless";
+    for (const auto& [has, word] : {std::pair{bonds, "+bonds"}, {offsets, "+offsets"}, {linear, "+linear"}})
+        if (has)
+            name += word;
+    name += one_size ? ",one size" : ",sizes";
+    if (materials)
+        name += ",materials";
+    return name + (mixed ? ",mixed" : "");
+}
+
+namespace {
+
+template <class T>
+void reorder_column(Column<T>& column, Column<T>& spare, std::span<const std::uint32_t> previous,
+                    ThreadTeam& team) {
+    spare.resize(previous.size() + PairColumns::padding);
+    team.for_range(previous.size(), [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k)
+            spare[k] = previous[k] == search::no_candidate ? T{} : column[previous[k]];
+    });
+    std::fill_n(spare.begin() + static_cast<std::ptrdiff_t>(previous.size()), PairColumns::padding, T{});
+    std::swap(column, spare);
+}
+
+template <class T>
+void clear_column(Column<T>& column, std::size_t size, ThreadTeam& team) {
+    column.resize(size);
+    team.for_range(size, [&](std::size_t begin, std::size_t end, int) {
+        std::fill(column.begin() + static_cast<std::ptrdiff_t>(begin),
+                  column.begin() + static_cast<std::ptrdiff_t>(end), T{});
+    });
+}
+
+} // namespace
+
+void PairColumns::reorder(std::span<const std::uint32_t> previous, const KernelTraits& traits,
+                          ThreadTeam& team) {
+    reorder_column(state, spare_state, previous, team);
+    if (traits.tangential)
+        for (auto& component : tangential_displacement)
+            reorder_column(component, spare, previous, team);
+    if (traits.offsets)
+        reorder_column(offset, spare, previous, team);
+    stride = traits.tangential ? 8 : 4;
+    const std::size_t numbers = (previous.size() + padding) * stride;
+    if (traits.mixed)
+        clear_column(force_single, numbers, team);
+    else
+        clear_column(force, numbers, team);
+}
+
+History PairColumns::load(std::size_t k) const {
+    History h{{}, offset.empty() ? 0 : offset[k], state[k]};
+    if (!tangential_displacement[0].empty())
+        h.tangential_displacement = {tangential_displacement[0][k], tangential_displacement[1][k],
+                                     tangential_displacement[2][k]};
+    return h;
+}
+
+void PairColumns::store(std::size_t k, const History& h) {
+    state[k] = h.state;
+    if (!offset.empty())
+        offset[k] = h.offset;
+    if (!tangential_displacement[0].empty())
+        for (int d = 0; d < 3; ++d)
+            tangential_displacement[static_cast<std::size_t>(d)][k] = h.tangential_displacement[d];
+}
+
+void PairColumns::store_force(std::size_t k, const Vec3& f, double damping, const Vec3& couple) {
+    const std::array<double, 8> record{f.x, f.y, f.z, damping, couple.x, couple.y, couple.z, 0};
+    for (std::size_t d = 0; d < stride; ++d) {
+        if (force.empty())
+            force_single[k * stride + d] = static_cast<float>(record[d]);
+        else
+            force[k * stride + d] = record[d];
+    }
+}
+
+std::size_t PairColumns::memory() const {
+    const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
+    std::size_t sum = bytes(offset) + bytes(state) + bytes(force) + bytes(force_single) + bytes(spare) +
+                      bytes(spare_state);
+    for (const auto& component : tangential_displacement)
+        sum += bytes(component);
+    return sum;
+}
 
 namespace {
 
@@ -47,7 +138,7 @@ template <class F>
     m.effective_radius = ri * rj / touch;
     m.effective_mass = vi.w * vj.w / (vi.w + vj.w);
     m.half_velocity = vi.vec() - vj.vec();
-    m.velocity = (vi.vec() + ki.velocity()) - (vj.vec() + kj.velocity());
+    m.velocity = m.half_velocity + (ki.velocity() - kj.velocity());
     m.damping_scale = contact::damping_scale<F>(ki.damping_load, kj.damping_load);
     if constexpr (F::tangential) {
         const double stretch =
@@ -56,110 +147,103 @@ template <class F>
         m.arm_j = rj * stretch;
         const Vec3 wi = p.angular_velocity[c.i].vec(), wj = p.angular_velocity[c.j].vec();
         m.half_spin = m.arm_i * wi + m.arm_j * wj;
-        m.spin = m.arm_i * (wi + ki.angular_velocity()) + m.arm_j * (wj + kj.angular_velocity());
+        m.spin = m.half_spin + stretch * (ki.spin() + kj.spin());
         m.half_twist = 0.5 * dot(wi + wj, m.normal);
     }
     return m;
 }
 
 template <class F>
-void specialised(const Constants& constants, const ParticleColumns& p,
-                 std::span<const search::Candidate> candidates, double step, PairColumns& pairs,
-                 std::size_t begin, std::size_t end, Tally& tally) {
+void scalar(const PairWork& work, std::size_t begin, std::size_t end, Tally& tally) {
     constexpr std::uint8_t alive = contact::contact_active | contact::bond_intact;
+    const ParticleColumns& p = work.particles;
+    PairColumns& pairs = work.pairs;
     for (std::size_t k = begin; k < end; ++k) {
-        const search::Candidate c = candidates[k];
+        const search::Candidate c = work.candidates[k];
         const Record xi = p.position[c.i], xj = p.position[c.j];
         const Vec3 branch{xj.x - xi.x, xj.y - xi.y, xj.z - xi.z};
         const double distance2 = norm2(branch);
         const double touch = xi.w + xj.w;
-        std::uint8_t& state = pairs.state[k];
-        bool idle = distance2 >= touch * touch && !(state & alive);
+        bool idle = distance2 >= touch * touch && !(pairs.state[k] & alive);
         if constexpr (F::offsets)
             idle = idle && pairs.offset[k] == 0;
         if (idle)
             continue; // its force was zeroed when it ended
+        const Constants& constants = work.constants.of(p, c);
         const double distance = std::sqrt(std::max(distance2, least_distance2));
         const Motion m = motion_of<F>(constants, p, c, branch, distance, touch);
-        History h{{}, 0, state};
-        if constexpr (F::tangential)
-            h.tangential_displacement = pairs.tangential_displacement[k];
-        if constexpr (F::offsets)
-            h.offset = pairs.offset[k];
-        const contact::Force f = contact::contact_force<F>(constants, m, step, h);
-        state = h.state;
-        if constexpr (F::tangential)
-            pairs.tangential_displacement[k] = h.tangential_displacement;
-        if constexpr (F::offsets)
-            pairs.offset[k] = h.offset;
-        PairForce& out = pairs.force[k];
-        out.force = f.tangential - f.normal * m.normal;
-        out.damping = f.active ? f.damping : 0;
+        History h = pairs.load(k);
+        const contact::Force f = contact::contact_force<F>(constants, m, work.step, h);
+        pairs.store(k, h);
+        Vec3 couple;
         if constexpr (F::tangential) {
             const double stretch =
                 constants.lever_arm == contact::LeverArm::contact_point ? distance / touch : 1.0;
-            out.couple = stretch * cross(m.normal, f.tangential);
+            couple = stretch * cross(m.normal, f.tangential);
         }
+        pairs.store_force(k, f.tangential - f.normal * m.normal, f.active ? f.damping : 0, couple);
         count(f, p, c, tally);
     }
 }
 
-contact::ReferenceParticle reference_particle(const ParticleColumns& p, std::uint32_t row) {
-    const Vec3 v = p.velocity[row].vec(), w = p.angular_velocity[row].vec();
-    return {p.position[row].vec(),
-            v + p.half_kick[row].velocity(),
-            w + p.half_kick[row].angular_velocity(),
-            v,
-            w,
-            p.position[row].w,
-            p.velocity[row].w,
-            p.half_kick[row].damping_load};
+/// The pair as the reference sees it. What the half kicks do to the pair as a whole is given to i.
+std::array<contact::ReferenceParticle, 2> reference_particles(const ParticleColumns& p,
+                                                              const search::Candidate& c) {
+    std::array<contact::ReferenceParticle, 2> both;
+    for (const std::size_t k : {0u, 1u}) {
+        const std::uint32_t row = k == 0 ? c.i : c.j;
+        const Vec3 v = p.velocity[row].vec(), w = p.angular_velocity[row].vec();
+        both[k] = {p.position[row].vec(), v, w, v, w, p.position[row].w, p.velocity[row].w,
+                   p.half_kick[row].damping_load};
+    }
+    const HalfKick &ki = p.half_kick[c.i], &kj = p.half_kick[c.j];
+    both[0].velocity += (ki.velocity() - kj.velocity());
+    both[0].angular_velocity += (ki.spin() + kj.spin()) / both[0].radius;
+    return both;
 }
 
-void reference(const Constants& constants, const ParticleColumns& p,
-               std::span<const search::Candidate> candidates, double step, PairColumns& pairs,
-               std::size_t begin, std::size_t end, Tally& tally) {
+void reference(const PairWork& work, std::size_t begin, std::size_t end, Tally& tally) {
+    PairColumns& pairs = work.pairs;
+    const bool tangential = !pairs.tangential_displacement[0].empty();
     for (std::size_t k = begin; k < end; ++k) {
-        const search::Candidate c = candidates[k];
+        const search::Candidate c = work.candidates[k];
         History h = pairs.load(k);
-        const auto i = reference_particle(p, c.i), j = reference_particle(p, c.j);
-        const auto result =
-            contact::reference_pair_force(constants, i, j, step, h, !pairs.tangential_displacement.empty());
-        pairs.state[k] = h.state;
-        if (!pairs.tangential_displacement.empty())
-            pairs.tangential_displacement[k] = h.tangential_displacement;
-        if (!pairs.offset.empty())
-            pairs.offset[k] = h.offset;
-        pairs.force[k].force = result.force_on_i;
-        pairs.force[k].damping = result.parts.damping;
-        pairs.force[k].couple = result.torque_on_i / i.radius;
-        count(result.parts, p, c, tally);
+        const auto [i, j] = reference_particles(work.particles, c);
+        const auto result = contact::reference_pair_force(work.constants.of(work.particles, c), i, j,
+                                                          work.step, h, tangential);
+        pairs.store(k, h);
+        pairs.store_force(k, result.force_on_i, result.parts.damping, result.torque_on_i / i.radius);
+        count(result.parts, work.particles, c, tally);
     }
 }
 
-template <bool Tangential, bool Bonds, bool Offsets>
-constexpr PairKernel kernel = specialised<contact::Features<Tangential, Bonds, Offsets>>;
+template <bool Tangential, bool Bonds, bool Offsets, bool Linear = false>
+constexpr PairKernel kernel = scalar<contact::Features<Tangential, Bonds, Offsets, Linear>>;
 
 } // namespace
 
-KernelChoice choose_kernel(bool tangential, bool bonds, bool offsets, bool use_reference) {
-    tangential = tangential || bonds;
-    std::string name = use_reference ? "reference" : "scalar";
-    name += tangential ? ":tangential" : ":frictionless";
-    if (bonds)
-        name += "+bonds";
-    if (offsets)
-        name += "+offsets";
-    PairKernel run = reference;
-    if (!use_reference) {
-        if (bonds)
-            run = offsets ? kernel<true, true, true> : kernel<true, true, false>;
-        else if (tangential)
-            run = offsets ? kernel<true, false, true> : kernel<true, false, false>;
-        else
-            run = offsets ? kernel<false, false, true> : kernel<false, false, false>;
-    }
-    return {run, name, tangential, bonds, offsets};
+PairKernel scalar_kernel(const KernelTraits& t) {
+    if (t.linear)
+        return t.tangential ? (t.offsets ? kernel<true, false, true, true> : kernel<true, false, false, true>)
+                            : (t.offsets ? kernel<false, false, true, true> : kernel<false, false, false, true>);
+    if (t.bonds)
+        return t.offsets ? kernel<true, true, true> : kernel<true, true, false>;
+    if (t.tangential)
+        return t.offsets ? kernel<true, false, true> : kernel<true, false, false>;
+    return t.offsets ? kernel<false, false, true> : kernel<false, false, false>;
+}
+
+KernelChoice choose_kernel(const KernelTraits& wanted, bool use_reference) {
+    KernelTraits traits = wanted;
+    traits.tangential = traits.tangential || traits.bonds;
+    if (traits.linear && traits.bonds)
+        throw Error(ExitCode::configuration_invalid,
+                    "contact.law: bonds need the Hertz-Mindlin law, found linear; leave out one of them");
+    if (use_reference)
+        return {reference, traits, "reference:" + traits.name()};
+    const std::string target = simd_target();
+    return {target == "scalar" ? scalar_kernel(traits) : vector_kernel(traits), traits,
+            target + ":" + traits.name()};
 }
 
 } // namespace talus::engine

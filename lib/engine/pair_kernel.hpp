@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include "base/aligned.hpp"
 #include "base/exact_sum.hpp"
+#include "base/thread_team.hpp"
 #include "contact/law.hpp"
 #include "particles/columns.hpp"
 #include "search/candidate_list.hpp"
@@ -10,16 +12,6 @@
 #include <vector>
 
 namespace talus::engine {
-
-/// What a pair does to its particles: `force` on i (the opposite on j) and `couple` = n x Ft stretched to the
-/// contact point, so that the torque on either particle is its radius times the couple. Half a cache line
-/// each.
-struct alignas(64) PairForce {
-    Vec3 force;
-    double damping = 0; ///< eta_n, N s/m, before any limit
-    Vec3 couple;
-    double unused = 0;
-};
 
 struct BondBreak {
     std::uint64_t i, j; ///< global ids
@@ -35,33 +27,89 @@ struct Tally {
     std::vector<BondBreak> breaks;
 };
 
-/// History and forces of all candidates; columns a scene does not need stay empty.
-struct PairColumns {
-    std::vector<Vec3> tangential_displacement;
-    std::vector<double> offset;
-    std::vector<std::uint8_t> state;
-    std::vector<PairForce> force;
+/// What a scene has, and with it which instantiation of the pair kernel runs.
+struct KernelTraits {
+    bool tangential = true; ///< friction or bonds: history, torque and spin
+    bool bonds = false;
+    bool offsets = false;   ///< a stress-free start
+    bool linear = false;    ///< the linear law instead of Hertz-Mindlin
+    bool one_size = false;  ///< all particles have the same radius and mass
+    bool materials = false; ///< several materials of grains
+    bool mixed = false;     ///< the pair's motion and force in single precision
 
-    contact::History load(std::size_t k) const {
-        return {tangential_displacement.empty() ? Vec3{} : tangential_displacement[k],
-                offset.empty() ? 0 : offset[k], state[k]};
+    std::string name() const;
+    friend bool operator==(const KernelTraits&, const KernelTraits&) = default;
+};
+
+/// History and forces of all close pairs, in the list's order; columns a scene does not need stay empty. All
+/// columns are a vector longer than the list, so that kernels may read and write whole vectors.
+///
+/// A pair's record in `force` has 8 numbers: the force on i (N; the opposite on j), eta_n before any limit (N
+/// s/m), the couple = n x Ft stretched to the contact point (N; the torque on either particle is its radius
+/// times the couple), one unused. Without tangential part it has the first 4. With mixed precision records are
+/// in `force_single` instead.
+struct PairColumns {
+    static constexpr std::size_t padding = 16;
+
+    std::array<Column<double>, 3> tangential_displacement; ///< m
+    Column<double> offset;                                 ///< m
+    Column<std::uint8_t> state;
+    Column<double> force;
+    Column<float> force_single;
+    std::size_t stride = 8;             ///< numbers per record of `force`
+    Column<double> spare;               ///< memory for reorder()
+    Column<std::uint8_t> spare_state;
+
+    /// Brings the history into the order of a new list, whose pair k was `previous[k]` before or is new
+    /// (search::no_candidate), and sets the forces to zero.
+    void reorder(std::span<const std::uint32_t> previous, const KernelTraits& traits, ThreadTeam& team);
+    contact::History load(std::size_t k) const;
+    void store(std::size_t k, const contact::History& h);
+    void store_force(std::size_t k, const Vec3& force, double damping, const Vec3& couple);
+    Vec3 force_of(std::size_t k) const {
+        return force.empty() ? Vec3{force_single[stride * k], force_single[stride * k + 1],
+                                    force_single[stride * k + 2]}
+                             : Vec3{force[stride * k], force[stride * k + 1], force[stride * k + 2]};
+    }
+    std::size_t memory() const;
+};
+
+/// Constants of all pairs of grain materials: those of materials a and b at [a count + b].
+struct ConstantsTable {
+    std::vector<contact::Constants> pairs{1};
+    std::size_t count = 1;
+    const contact::Constants& of(const ParticleColumns& p, const search::Candidate& c) const {
+        return count == 1 ? pairs[0] : pairs[p.material[c.i] * count + p.material[c.j]];
     }
 };
 
-/// Computes candidates [begin, end): brings their history forward by `step` and writes their forces.
-/// Reads positions and velocities of all rows; writes nothing but rows [begin, end) of `pairs` and `tally`,
-/// so any cut of the candidates among threads gives the same bits.
-using PairKernel = void (*)(const contact::Constants& constants, const ParticleColumns& particles,
-                            std::span<const search::Candidate> candidates, double step, PairColumns& pairs,
-                            std::size_t begin, std::size_t end, Tally& tally);
+/// What a kernel works on in one step.
+struct PairWork {
+    const ConstantsTable& constants;
+    const ParticleColumns& particles;
+    std::span<const search::Candidate> candidates; ///< followed by PairColumns::padding valid ones
+    double step;                                   ///< s, by which to bring the history forward
+    PairColumns& pairs;
+};
+
+/// Computes candidates [begin, end): brings their history forward and writes their forces. Reads positions and
+/// velocities of all rows; writes nothing but rows [begin, end) of the pair columns (and the padding after the
+/// last pair) and `tally`. What it writes for a pair depends on that pair alone, so any order of the list and
+/// any cut of it among threads gives the same bits. `begin` is a multiple of 16.
+using PairKernel = void (*)(const PairWork& work, std::size_t begin, std::size_t end, Tally& tally);
 
 struct KernelChoice {
     PairKernel run;
-    std::string name;
-    bool tangential, bonds, offsets;
+    KernelTraits traits;
+    std::string name; ///< instruction set and specialisation
 };
 
-/// The instantiation for what the scene has. `reference`: the scalar reference of contact/reference.hpp.
-KernelChoice choose_kernel(bool tangential, bool bonds, bool offsets, bool reference);
+/// The instantiation for what the scene has, on the instruction set in use (base/simd_target.hpp).
+/// `reference`: the scalar reference of contact/reference.hpp.
+/// @throws Error(configuration_invalid) for a combination without an instantiation.
+KernelChoice choose_kernel(const KernelTraits& traits, bool reference);
+
+/// The scalar kernel, which reads like contact/law.hpp; vector kernels leave breaking bonds to it.
+PairKernel scalar_kernel(const KernelTraits& traits);
 
 } // namespace talus::engine

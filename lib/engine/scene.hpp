@@ -33,6 +33,8 @@ struct Stage {
 struct Scene {
     Vec3 gravity{0, 0, -9.81};
     Material material;
+    std::vector<Material> more_materials; ///< of particles with material 1, 2, ...; all Hertz-Mindlin
+    std::optional<contact::LinearLaw> linear_law; ///< instead of Hertz-Mindlin
     std::optional<BondMaterial> bond;
     bool stress_free_start = false;
     contact::Separation separation = contact::Separation::tension;
@@ -48,6 +50,7 @@ struct Scene {
     double skin = 0.15;            ///< of the largest radius
     double rest_speed = 1e-3;      ///< m/s per sqrt(g r): see at_rest()
     double rest_unbalanced = 1e-2; ///< mean net force / mean contact force below which a packing is at rest
+    bool mixed_precision = false;
     bool reference_kernel = false; ///< run the scalar reference instead of the specialised kernel
 
     std::vector<Stage> stages;

@@ -9,27 +9,27 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
+#include <optional>
 
 namespace talus::engine {
 
 namespace {
 
-/// Range over which a loop over particles or pairs is worth cutting among threads.
+/// Pairs are cut among threads in multiples of this.
 constexpr std::size_t pair_block = 64;
+
+/// Pairs whose forces are computed before the particles they complete are moved: 16 kB of forces.
+constexpr std::size_t sweep_block = 256;
 
 /// Particles are put back into space-filling order with every so many lists: neighbours drift apart slowly.
 constexpr std::size_t rebuilds_per_reorder = 10;
 
-/// The part of an acceleration that has lasted: a scaled by min(1, a.before / a.a), or nothing where it
-/// turned round. Predicting velocities with it is of second order where motion is smooth, and unlike plain
-/// extrapolation does not feed the step-to-step oscillation that strong dashpots in a dense packing would
-/// otherwise grow.
-Vec3 steady_part(const Vec3& a, const Vec3& before) {
-    const double both = dot(a, before), own = norm2(a);
-    if (both >= own)
-        return a;
-    return both > 0 ? (both / own) * a : Vec3{};
-}
+/// Skin of the close list at the start, of the largest radius.
+constexpr double first_close_skin = 0.03;
+
+/// No particle may move further in one step than this part of the smallest radius: it could pass another
+/// unseen.
+constexpr double longest_move = 0.5;
 
 bool needs_tangential(const Scene& scene) {
     bool needs = scene.material.friction > 0 || scene.bond.has_value();
@@ -38,23 +38,41 @@ bool needs_tangential(const Scene& scene) {
     return needs;
 }
 
+bool same_sizes(const Grains& grains) {
+    const auto all_alike = [](const std::vector<double>& column) {
+        return std::adjacent_find(column.begin(), column.end(), std::not_equal_to<>()) == column.end();
+    };
+    return all_alike(grains.radius) && all_alike(grains.mass);
+}
+
+KernelTraits traits_of(const Scene& scene, const Grains& grains) {
+    return {.tangential = needs_tangential(scene) || scene.bond.has_value(),
+            .bonds = scene.bond.has_value(),
+            .offsets = scene.stress_free_start,
+            .linear = scene.linear_law.has_value(),
+            .one_size = same_sizes(grains) && scene.more_materials.empty(),
+            .materials = !scene.more_materials.empty(),
+            .mixed = scene.mixed_precision};
+}
+
 } // namespace
 
 Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& team)
-    : scene_(scene), team_(team),
-      constants_(contact::make_constants(scene.material, scene.material, scene.bond.value_or(BondMaterial{}),
-                                         scene.damping_rule, scene.separation, scene.lever_arm)),
-      kernel_(choose_kernel(needs_tangential(scene), scene.bond.has_value(), scene.stress_free_start,
-                            scene.reference_kernel)),
-      images_(scene.box ? *scene.box : grains.box.value_or(Box{})), walls_(scene, kernel_.tangential),
+    : scene_(scene), team_(team), kernel_(choose_kernel(traits_of(scene, grains), scene.reference_kernel)),
+      images_(scene.box ? *scene.box : grains.box.value_or(Box{})), walls_(scene, kernel_.traits.tangential),
       viscous_damping_(scene.viscous_damping) {
+    make_constants();
     load(grains);
 
-    if (scene.bond)
+    if (scene.bond) {
         reach_factor_ = std::max(1.0, scene.bond->bond_initiation_factor);
+        for (const contact::Constants& c : constants_.pairs)
+            bond_reach_ =
+                std::max(bond_reach_, contact::bond_reach_per_radius(c) * largest_radius_ / 2);
+    }
     skin_ = scene.skin * largest_radius_;
-    margin_ = skin_ + (scene.bond ? contact::bond_reach_per_radius(constants_) * largest_radius_ / 2 : 0.0);
-    const double reach = 2 * largest_radius_ * reach_factor_ + margin_;
+    close_skin_ = std::min(first_close_skin * largest_radius_, 0.4 * skin_);
+    const double reach = 2 * largest_radius_ * reach_factor_ + bond_reach_ + skin_;
     for (int k = 0; k < 3; ++k)
         if (images_.box().periodic[static_cast<std::size_t>(k)] && images_.box().lengths()[k] < reach)
             throw Error(
@@ -64,24 +82,34 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
                     "(2 r and the skin): use a larger box or smaller grains",
                     images_.box().lengths()[k], reach));
 
-    const double scale = scene.material.youngs_modulus * std::pow(largest_radius_, 3);
+    const double scale = scene.linear_law
+                             ? scene.linear_law->normal_stiffness * largest_radius_ * largest_radius_
+                             : scene.material.youngs_modulus * std::pow(largest_radius_, 3);
     for (Integral& integral : integrals_)
         integral = {ExactSum(scale), ExactSum(scale), ExactSum(scale)};
     fractured_ = ExactSum(scale);
     tallies_.assign(static_cast<std::size_t>(team.size()),
                     {ExactSum(scale), ExactSum(scale), ExactSum(scale), 0, {}});
-    thread_displacement_.assign(static_cast<std::size_t>(team.size()), 0);
+    advanced_.resize(static_cast<std::size_t>(team.size()));
+    thread_displacement_.resize(static_cast<std::size_t>(team.size()));
 
     rebuild();
     set_initial_contacts();
     compute_forces(0);
     // Velocities are kept at half steps; the given ones belong to the start.
-    for (std::size_t row = 0; row < particles_.owned; ++row) {
-        const double half = 0.5 * time_step_.step;
-        particles_.velocity[row].set(particles_.velocity[row].vec() - half * particles_.acceleration[row]);
-        particles_.angular_velocity[row].set(particles_.angular_velocity[row].vec() -
-                                             half * particles_.angular_acceleration[row]);
-    }
+    const double half = 0.5 * time_step_.step;
+    team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row) {
+            const Net n = net(row);
+            ParticleColumns& p = particles_;
+            p.velocity[row].set(p.velocity[row].vec() - half * n.acceleration);
+            p.angular_velocity[row].set(p.angular_velocity[row].vec() - half * n.angular_acceleration);
+            p.half_kick[row] =
+                HalfKick(half * n.acceleration, (half * p.position[row].w) * n.angular_acceleration);
+        }
+    });
+    start_potential_ = energies().potential;
+    largest_energy_ = 0;
     start_energy_ = energies().total();
 }
 
@@ -99,21 +127,29 @@ void Simulation::load(const Grains& grains) {
     p.angular_velocity.resize(n);
     p.half_kick.resize(n);
     p.id.resize(n);
-    p.acceleration.resize(n);
-    p.angular_acceleration.resize(n);
+    if (constants_.count > 1)
+        p.material.assign(n, 0);
     p.species.assign(n, Species::grain);
     p.release.assign(n, 0);
     p.image.assign(n, {});
-    double smallest = std::numeric_limits<double>::infinity();
+    constexpr double inf = std::numeric_limits<double>::infinity();
+    std::optional<QuickestGrain> quickest;
+    smallest_radius_ = inf;
     for (std::size_t row = 0; row < n; ++row) {
         const double r = grains.radius[row];
         if (!is_finite(grains.position[row]))
             bad(row, "its position is not a number; check what wrote the model");
         if (!(r > 0) || !std::isfinite(r))
             bad(row, fmt::format("its radius {} is not above zero", r));
-        const double mass = grains.mass.empty()
-                                ? 4.0 / 3.0 * std::numbers::pi * r * r * r * scene_.material.density
-                                : grains.mass[row];
+        const std::size_t kind = grains.material.empty() ? 0 : grains.material[row];
+        if (kind >= constants_.count)
+            bad(row, fmt::format("its material is number {}, but the scene has {}: add it to `materials`", kind,
+                                 constants_.count));
+        if (constants_.count > 1)
+            p.material[row] = static_cast<std::uint8_t>(kind);
+        const Material& material = kind == 0 ? scene_.material : scene_.more_materials[kind - 1];
+        const double mass = grains.mass.empty() ? 4.0 / 3.0 * std::numbers::pi * r * r * r * material.density
+                                                : grains.mass[row];
         if (!(mass > 0) || !std::isfinite(mass))
             bad(row, fmt::format("its mass {} is not above zero", mass));
         if (!grains.species.empty())
@@ -130,17 +166,48 @@ void Simulation::load(const Grains& grains) {
         p.position[row] = Record(images_.snap(grains.position[row]), r);
         p.velocity[row] = Record(v, mass);
         p.angular_velocity[row] = Record(w, 0.4 * mass * r * r);
+        p.half_kick[row] = {};
         p.id[row] = row;
         largest_radius_ = std::max(largest_radius_, r);
-        if (!fixed) {
-            smallest = std::min(smallest, r);
-            ++mobile_;
-        }
+        smallest_radius_ = std::min(smallest_radius_, r);
+        mean_radius_ += r / static_cast<double>(n);
+        if (fixed)
+            continue;
+        ++mobile_;
+        const QuickestGrain grain = quickness(scene_, material, r, mass);
+        if (!quickest || grain.time < quickest->time)
+            quickest = grain;
     }
     if (n == 0)
         throw Error(ExitCode::input_invalid, "the model has no particles");
-    time_step_ = choose_time_step(scene_, std::isfinite(smallest) ? smallest : largest_radius_);
-    start_position_ = grains.position;
+    time_step_ = choose_time_step(
+        scene_, quickest.value_or(quickness(scene_, scene_.material, smallest_radius_, p.velocity[0].w)),
+        kernel_.traits.tangential);
+}
+
+void Simulation::make_constants() {
+    const BondMaterial bond = scene_.bond.value_or(BondMaterial{});
+    if (scene_.linear_law) {
+        if (!scene_.more_materials.empty())
+            throw Error(ExitCode::configuration_invalid,
+                        "contact.law: the linear law has one material, found several; leave out `materials`");
+        constants_.pairs = {contact::make_linear_constants(*scene_.linear_law, scene_.material.friction,
+                                                           scene_.separation, scene_.lever_arm)};
+        return;
+    }
+    std::vector<Material> materials{scene_.material};
+    materials.insert(materials.end(), scene_.more_materials.begin(), scene_.more_materials.end());
+    constants_.count = materials.size();
+    constants_.pairs.clear();
+    for (const Material& a : materials)
+        for (const Material& b : materials) {
+            contact::Constants c = contact::make_constants(a, b, bond, scene_.damping_rule,
+                                                           scene_.separation, scene_.lever_arm);
+            const Material both = contact::interface_of(a, b);
+            c.friction = both.friction;
+            c.damping = contact::damping_number(both.restitution, scene_.damping_rule);
+            constants_.pairs.push_back(c);
+        }
 }
 
 void Simulation::set_initial_contacts() {
@@ -156,233 +223,260 @@ void Simulation::set_initial_contacts() {
                     "particles {} and {}: have the same position, so there is no direction to push them "
                     "apart; check what wrote the model",
                     particles_.id[c.i], particles_.id[c.j]));
-        const bool bonded = kernel_.bonds && distance < touch * chi;
+        const bool bonded = kernel_.traits.bonds && distance < touch * chi;
         if (bonded)
             pairs_.state[k] |= contact::bond_intact;
-        if (kernel_.offsets && (bonded || distance < touch)) {
+        if (kernel_.traits.offsets && (bonded || distance < touch)) {
             pairs_.offset[k] = touch - distance;
             pairs_.state[k] |= contact::contact_active;
         }
     }
-    intact_bonds_ = bonds();
+    intact_bonds_ = count_bonds();
     if (scene_.stress_free_start)
         walls_.set_stress_free(particles_);
 }
 
 void Simulation::step() {
-    advance();
-    ++step_;
-    compute_forces(time_step_.step);
-}
-
-void Simulation::advance() {
-    const double dt = time_step_.step;
-    ParticleColumns& p = particles_;
-    std::fill(thread_displacement_.begin(), thread_displacement_.end(), 0.0);
-    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
-        double largest = 0;
-        for (std::size_t row = begin; row < end; ++row) {
-            if (p.species[row] == Species::fixed)
-                continue;
-            const Vec3 v = p.velocity[row].vec() + dt * p.acceleration[row];
-            p.velocity[row].set(v);
-            if (kernel_.tangential)
-                p.angular_velocity[row].set(p.angular_velocity[row].vec() + dt * p.angular_acceleration[row]);
-            const Vec3 x = p.position[row].vec() + images_.snap(dt * v);
-            p.position[row].set(x);
-            const double moved2 = norm2(x - listed_position_[row]);
-            largest = moved2 <= largest ? largest : moved2; // keeps what is not a number
-        }
-        thread_displacement_[static_cast<std::size_t>(thread)] = largest;
-    });
-    walls_.move(dt);
-    double largest2 = 0;
-    for (const double d : thread_displacement_)
-        largest2 = d <= largest2 ? largest2 : d;
-    check_finite(largest2);
-
-    wall_travel_ += dt * walls_.fastest();
-    const double largest = std::sqrt(largest2);
-    if (2 * largest > skin_ || largest + wall_travel_ > skin_)
-        rebuild();
+    if (current_)
+        move();
     else
-        images_.update_ghosts(p, team_);
+        sweep();
+    current_ = false;
+    finish_move();
+    ++step_;
+    keep_lists_valid();
 }
 
-void Simulation::check_finite(double largest_displacement2) const {
-    if (std::isfinite(largest_displacement2))
-        return;
-    for (std::size_t row = 0; row < particles_.owned; ++row)
-        if (!is_finite(particles_.position[row].vec())) {
-            std::string partners;
-            for (const search::Reference r : list_.references(row)) {
-                const search::Candidate c = list_.candidates()[r.candidate()];
-                partners += fmt::format(" {}", particles_.id[r.is_second() ? c.i : c.j]);
+void Simulation::evaluate() {
+    if (!current_)
+        compute_forces(time_step_.step);
+}
+
+AdvanceWork Simulation::advance_work() {
+    return {particles_, pairs_, list_, walls_, restored_, scene_.gravity, time_step_.step, viscous_damping_,
+            images_.rounding(), kernel_.traits.tangential};
+}
+
+Net Simulation::net(std::size_t row) const {
+    return net_of(const_cast<Simulation*>(this)->advance_work(), row); // which moves nothing
+}
+
+/// Sums what acts on each particle at t and takes it to t + dt.
+void Simulation::move() {
+    const AdvanceWork work = advance_work();
+    team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int thread) {
+        advance(work, begin, end, 0, list_.size(), advanced_[static_cast<std::size_t>(thread)]);
+    });
+    restored_ = {};
+}
+
+/// Forces at t and the move to t + dt that they cause, block by block: a row is moved once all its pairs are
+/// done, which then are still in the cache. Nothing else reads it after that: all pairs of a row that is not late
+/// belong to its thread.
+void Simulation::sweep() {
+    begin_forces(time_step_.step);
+    const PairWork pairs{constants_, particles_, list_.candidates(), time_step_.step, pairs_};
+    const AdvanceWork work = advance_work();
+    team_.for_parts(
+        list_.size(), particles_.owned,
+        [&](std::size_t begin, std::size_t end, bool last, int thread) {
+            Advanced& result = advanced_[static_cast<std::size_t>(thread)];
+            std::size_t row = begin == 0 ? 0 : list_.row_at(begin);
+            const std::size_t last_row = last ? particles_.owned : list_.row_at(end);
+            for (std::size_t k = begin; k < end; k += sweep_block) {
+                const std::size_t done = std::min(k + sweep_block, end);
+                kernel_.run(pairs, k, done, tallies_[static_cast<std::size_t>(thread)]);
+                const std::size_t ready = std::min(list_.row_at(done + 1) - 1, last_row);
+                if (ready > row) {
+                    advance(work, row, ready, begin, done, result);
+                    row = ready;
+                }
             }
-            throw Error(
-                ExitCode::run_failed,
-                fmt::format("particle {}: its position is no longer a number at step {} (t = {:.6g} s), near "
-                            "particles{}: take a smaller time.step",
-                            particles_.id[row], step_ + 1, time(), partners.empty() ? " none" : partners));
-        }
+            advance(work, row, last_row, begin, end, result);
+        },
+        pair_block);
+    team_.for_parts(advanced_.size(), particles_.owned,
+                    [&](std::size_t begin, std::size_t end, bool, int) {
+                        for (std::size_t k = begin; k < end; ++k)
+                            advance_late(work, advanced_[k]);
+                    });
+    collect_tallies(false);
 }
 
-/// Takes a wider skin where lists last a few steps only (flow) and a narrower one where they last long
-/// (rest). What the forces are does not depend on it.
-void Simulation::adapt_skin() {
-    const std::int64_t lasted = step_ - last_rebuild_;
-    last_rebuild_ = step_;
-    if (rebuilds_ == 0)
+/// Looks at how far the particles moved.
+void Simulation::finish_move() {
+    const double dt = time_step_.step;
+    walls_.move(dt);
+    double speed2 = 0;
+    bool finite = true;
+    for (Advanced& part : advanced_) {
+        speed2 = std::max(speed2, part.largest_speed2);
+        finite = finite && part.finite;
+        part.largest_speed2 = 0;
+        part.finite = true;
+    }
+    const double moved = dt * std::sqrt(speed2);
+    if (!finite || moved > longest_move * smallest_radius_)
+        stop_at_bad_particle();
+    travelled_ += moved;
+    wall_travel_ += dt * walls_.fastest();
+}
+
+std::string Simulation::near_particles(std::size_t row) const {
+    std::string partners;
+    for (const search::Reference r : list_.references(row)) {
+        const search::Candidate c = list_.candidates()[r.candidate()];
+        partners += fmt::format(" {}", particles_.id[r.is_second() ? c.i : c.j]);
+    }
+    return partners.empty() ? "near no other" : "near particles" + partners;
+}
+
+void Simulation::stop_at_bad_particle() const {
+    const ParticleColumns& p = particles_;
+    std::size_t fastest = 0;
+    double most = -1;
+    for (std::size_t row = 0; row < p.owned; ++row) {
+        if (!is_finite(p.velocity[row].vec()) || !is_finite(p.angular_velocity[row].vec()))
+            throw Error(ExitCode::run_failed,
+                        fmt::format("particle {}: its velocity is no longer a number at step {} (t = {:.6g} s), "
+                                    "{}: take a smaller time.step",
+                                    p.id[row], step_ + 1, time(), near_particles(row)));
+        if (norm(p.velocity[row].vec()) > most) {
+            most = norm(p.velocity[row].vec());
+            fastest = row;
+        }
+    }
+    throw Error(
+        ExitCode::run_failed,
+        fmt::format("particle {}: moves {:.3g} of the smallest radius in one step at step {} (t = {:.6g} s, "
+                    "{:.4g} m/s) and could pass others unseen, {}: take a smaller time.step",
+                    p.id[fastest], time_step_.step * most / smallest_radius_, step_ + 1, time(), most,
+                    near_particles(fastest)));
+}
+
+double Simulation::largest_displacement() {
+    std::fill(thread_displacement_.begin(), thread_displacement_.end(), 0.0);
+    team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int thread) {
+        double largest2 = 0;
+        for (std::size_t row = begin; row < end; ++row)
+            largest2 = std::max(largest2, norm2(particles_.position[row].vec() - listed_position_[row]));
+        thread_displacement_[static_cast<std::size_t>(thread)] = std::sqrt(largest2);
+    });
+    return *std::max_element(thread_displacement_.begin(), thread_displacement_.end());
+}
+
+/// The close list holds while two particles cannot have come nearer by its skin; the outer list has to hold
+/// until the close list is made the next time.
+void Simulation::keep_lists_valid() {
+    if (2 * travelled_ <= close_skin_ && displaced_ + travelled_ + wall_travel_ <= skin_) {
+        images_.update_ghosts(particles_, team_);
         return;
-    double wanted = skin_;
-    if (lasted < 10)
-        wanted *= 1.25;
-    else if (lasted > 50)
-        wanted *= 0.8;
-    wanted = std::clamp(wanted, 0.5 * scene_.skin * largest_radius_, 4 * scene_.skin * largest_radius_);
-    const double rest = margin_ - skin_;
-    for (int k = 0; k < 3; ++k)
-        if (images_.box().periodic[static_cast<std::size_t>(k)])
-            wanted =
-                std::min(wanted, images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ - rest);
-    skin_ = wanted;
-    margin_ = skin_ + rest;
+    }
+    displaced_ = largest_displacement();
+    if (2 * displaced_ + close_skin_ > skin_ || displaced_ + close_skin_ / 2 + wall_travel_ > skin_) {
+        rebuild();
+    } else {
+        images_.update_ghosts(particles_, team_);
+        refresh();
+    }
+}
+
+/// Takes wider skins where lists last a few steps only (flow) and narrower ones where they last long (rest).
+/// What the forces are does not depend on them.
+void Simulation::adapt_skins(bool outer) {
+    const auto adapt = [&](double skin, std::int64_t lasted, std::int64_t least, std::int64_t most) {
+        return lasted < least ? 1.25 * skin : (lasted > most ? 0.8 * skin : skin);
+    };
+    if (refreshes_ > 0)
+        close_skin_ = adapt(close_skin_, step_ - last_refresh_, 8, 40);
+    last_refresh_ = step_;
+    if (outer) {
+        if (rebuilds_ > 0)
+            skin_ = adapt(skin_, step_ - last_rebuild_, 60, 400);
+        last_rebuild_ = step_;
+        skin_ = std::clamp(skin_, 0.5 * scene_.skin * largest_radius_, 4 * scene_.skin * largest_radius_);
+        for (int k = 0; k < 3; ++k)
+            if (images_.box().periodic[static_cast<std::size_t>(k)])
+                skin_ = std::min(skin_, images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ -
+                                            bond_reach_);
+    }
+    close_skin_ = std::clamp(close_skin_, 0.005 * largest_radius_, 0.4 * skin_);
+    close_skin_ = std::min(close_skin_, skin_);
+}
+
+search::CandidateList::Live Simulation::live() const {
+    return {{pairs_.state.data(), list_.size()}, contact::contact_active | contact::bond_intact};
 }
 
 void Simulation::rebuild() {
     ParticleColumns& p = particles_;
     const bool first = rebuilds_ == 0;
+    adapt_skins(true);
     std::vector<std::array<std::int8_t, 3>> wrapped;
-    adapt_skin();
     images_.wrap(p, wrapped);
     std::vector<std::uint32_t> order;
-    std::vector<std::array<std::int8_t, 3>> wrapped_sorted(p.owned);
     if (rebuilds_ % rebuilds_per_reorder == 0) {
-        order = search::space_filling_order(p, 2.5 * largest_radius_, team_);
+        order = search::space_filling_order(p, 2.5 * mean_radius_, team_);
         search::reorder(p, order, team_);
+        const auto before = wrapped;
         for (std::size_t row = 0; row < p.owned; ++row)
-            wrapped_sorted[row] = wrapped[order[row]];
+            wrapped[row] = before[order[row]];
     } else {
         order.resize(p.owned);
         std::iota(order.begin(), order.end(), 0u);
-        wrapped_sorted = wrapped;
     }
-    images_.make_ghosts(p, 2 * largest_radius_ * reach_factor_ + margin_);
+    const double margin = skin_ + bond_reach_;
+    images_.make_ghosts(p, 2 * largest_radius_ * reach_factor_ + margin);
     if (first)
         order.clear();
-
-    list_.rebuild(p, reach_factor_, margin_, order, wrapped_sorted, team_);
-    PairColumns old = std::move(pairs_);
-    const std::size_t n = list_.size();
-    pairs_ = {};
-    pairs_.state.assign(n, 0);
-    pairs_.force.assign(n, {});
-    if (kernel_.tangential)
-        pairs_.tangential_displacement.assign(n, {});
-    if (kernel_.offsets)
-        pairs_.offset.assign(n, 0);
-    if (!first) {
-        const auto previous = list_.previous();
-        team_.for_range(n, [&](std::size_t begin, std::size_t end, int) {
-            for (std::size_t k = begin; k < end; ++k) {
-                const std::uint32_t from = previous[k];
-                if (from == search::no_candidate)
-                    continue;
-                pairs_.state[k] = old.state[from];
-                if (kernel_.tangential)
-                    pairs_.tangential_displacement[k] = old.tangential_displacement[from];
-                if (kernel_.offsets)
-                    pairs_.offset[k] = old.offset[from];
-            }
-        });
-        if (kernel_.bonds && bonds() != intact_bonds_)
-            throw Error(
-                ExitCode::run_failed,
-                fmt::format("{} of {} bonds were stretched beyond the candidate list at step {}: take a "
-                            "smaller time.step",
-                            intact_bonds_ - bonds(), intact_bonds_, step_));
-    }
+    const std::size_t lost = list_.rebuild(p, reach_factor_, margin, first ? reach_factor_ : 1, close_skin_,
+                                           order, wrapped, live(), team_);
+    if (lost > 0)
+        throw Error(ExitCode::run_failed,
+                    fmt::format("{} bonds or contacts were stretched beyond the candidate list at step {}: take "
+                                "a smaller time.step",
+                                lost, step_));
+    pairs_.reorder(list_.previous(), kernel_.traits, team_);
     walls_.rebuild(p, skin_, order);
     listed_position_.resize(p.owned);
     for (std::size_t row = 0; row < p.owned; ++row)
         listed_position_[row] = p.position[row].vec();
-    wall_travel_ = 0;
+    displaced_ = travelled_ = wall_travel_ = 0;
     ++rebuilds_;
+    ++refreshes_;
 }
 
-void Simulation::compute_forces(double history_step) {
+void Simulation::refresh() {
+    adapt_skins(false);
+    list_.refresh(particles_, close_skin_, live(), team_);
+    pairs_.reorder(list_.previous(), kernel_.traits, team_);
+    travelled_ = 0;
+    ++refreshes_;
+}
+
+void Simulation::begin_forces(double history_step) {
     for (Tally& tally : tallies_) {
         tally.dissipation.reset();
         tally.intake.reset();
         tally.fracture.reset();
         tally.contacts = 0;
     }
+    walls_.compute(particles_, history_step, team_, tallies_);
+    if (viscous_damping_ > 0)
+        add_viscous_power();
+}
+
+void Simulation::compute_forces(double history_step) {
+    begin_forces(history_step);
+    const PairWork work{constants_, particles_, list_.candidates(), history_step, pairs_};
     team_.for_range(
         list_.size(),
         [&](std::size_t begin, std::size_t end, int thread) {
-            kernel_.run(constants_, particles_, list_.candidates(), history_step, pairs_, begin, end,
-                        tallies_[static_cast<std::size_t>(thread)]);
+            kernel_.run(work, begin, end, tallies_[static_cast<std::size_t>(thread)]);
         },
         pair_block);
-    walls_.compute(particles_, history_step, team_, tallies_);
-    sum_forces(history_step == 0);
     collect_tallies(history_step == 0);
-}
-
-void Simulation::sum_forces(bool first) {
-    ParticleColumns& p = particles_;
-    std::vector<HalfKick>& kicks = next_half_kick_;
-    kicks.resize(p.owned);
-    const double half = 0.5 * time_step_.step;
-    const bool viscous = viscous_damping_ > 0;
-    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t row = begin; row < end; ++row) {
-            if (p.species[row] == Species::fixed) {
-                kicks[row] = {};
-                continue;
-            }
-            Vec3 force, couple;
-            double damping = 0;
-            for (const search::Reference r : list_.references(row)) {
-                const PairForce& pair = pairs_.force[r.candidate()];
-                force += r.is_second() ? -pair.force : pair.force;
-                couple += pair.couple;
-                damping += pair.damping;
-            }
-            if (walls_.any())
-                for (const WallContacts::Entry& wall : walls_.of_row(row)) {
-                    force += wall.force;
-                    couple += wall.couple;
-                    damping += wall.damping;
-                }
-            Vec3 a = force / p.velocity[row].w + scene_.gravity;
-            Vec3 alpha = (p.position[row].w / p.angular_velocity[row].w) * couple;
-            if (viscous) {
-                a -= viscous_damping_ * (p.velocity[row].vec() + p.half_kick[row].velocity());
-                alpha -=
-                    viscous_damping_ * (p.angular_velocity[row].vec() + p.half_kick[row].angular_velocity());
-            }
-            if (!kernel_.tangential)
-                alpha = {};
-            kicks[row] = first ? HalfKick(half * a, half * alpha)
-                               : HalfKick(half * steady_part(a, p.acceleration[row]),
-                                          half * steady_part(alpha, p.angular_acceleration[row]));
-            kicks[row].damping_load = static_cast<float>(damping * time_step_.step / p.velocity[row].w);
-            p.acceleration[row] = a;
-            p.angular_acceleration[row] = alpha;
-        }
-    });
-    if (viscous) {
-        ExactSum& power = integrals_[viscous_power].last;
-        power.reset();
-        for (std::size_t row = 0; row < p.owned; ++row) {
-            const Vec3 v = p.velocity[row].vec() + p.half_kick[row].velocity();
-            const Vec3 w = p.angular_velocity[row].vec() + p.half_kick[row].angular_velocity();
-            power.add(viscous_damping_ *
-                      (p.velocity[row].w * norm2(v) + p.angular_velocity[row].w * norm2(w)));
-        }
-    }
-    std::copy(kicks.begin(), kicks.end(), p.half_kick.begin());
+    current_ = true;
 }
 
 } // namespace talus::engine

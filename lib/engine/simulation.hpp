@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include "base/thread_team.hpp"
+#include "engine/advance.hpp"
 #include "engine/pair_kernel.hpp"
 #include "engine/scene.hpp"
 #include "engine/time_step.hpp"
@@ -47,6 +48,7 @@ struct Snapshot {
 struct SavedState {
     std::int64_t step = 0;
     std::vector<Vec3> position, half_velocity, half_angular_velocity, acceleration, angular_acceleration;
+    std::vector<float> damping_load; ///< that comes with `acceleration`; half_kick has the one before
     std::vector<HalfKick> half_kick;
     std::vector<std::array<std::int32_t, 3>> image;
     std::vector<std::array<std::uint64_t, 2>> contact_pair;
@@ -66,6 +68,9 @@ struct SavedState {
 /// A discrete element run: the step of physics.md over one domain. Time integration is velocity Verlet with
 /// the forces' velocities predicted to the full step and the tangential history advanced with half-step
 /// velocities and normals: second order throughout.
+///
+/// Between steps: positions at the full step t, velocities at t - dt/2. Forces at t are computed in the next step,
+/// in one sweep with the move that they cause, or as soon as somebody asks for anything that depends on them.
 class Simulation {
 public:
     /// @throws Error(configuration_invalid) for a step above the stable limit, a box too small for its
@@ -74,8 +79,10 @@ public:
     Simulation(const Scene& scene, const Grains& grains, ThreadTeam& team);
     ~Simulation();
 
-    /// One time step, read top-down like the paper: move, list, push, add up.
+    /// One time step, read top-down like the paper: push, add up, move, list.
     void step();
+    /// Computes the forces at the present time, where that has not been done; all that reports state does it.
+    void evaluate();
 
     std::size_t size() const { return particles_.owned; }
     std::size_t mobile_count() const { return mobile_; }
@@ -95,16 +102,19 @@ public:
     RestState rest_state() const;
     bool at_rest(const RestState& state) const;
     Snapshot snapshot() const;
-    std::vector<Vec3> wall_forces() const { return walls_.forces(particles_); }
-    std::vector<Vec3> wall_torques() const { return walls_.torques(particles_); }
+    std::vector<Vec3> wall_forces() const { return evaluated().walls_.forces(particles_); }
+    std::vector<Vec3> wall_torques() const { return evaluated().walls_.torques(particles_); }
 
-    std::size_t contacts() const { return contacts_; }
+    std::size_t contacts() const { return evaluated().contacts_; }
     std::size_t candidates() const { return list_.size(); }
+    std::size_t outer_candidates() const { return list_.outer_size(); }
     std::size_t bonds() const;
     std::size_t list_rebuilds() const { return rebuilds_; }
+    /// How often the close list was made anew from the outer one.
+    std::size_t list_refreshes() const { return refreshes_; }
     /// Bytes held for particles, pairs and lists.
     std::size_t memory() const;
-    /// Bonds broken since the last call, in the order of (step, i, j).
+    /// Bonds broken since the last call, in the order of (step, i, j), as far as forces have been computed.
     std::vector<BondBreak> take_breaks();
 
     SavedState save() const;
@@ -112,23 +122,39 @@ public:
 
 private:
     void load(const Grains& grains);
+    void make_constants();
     void set_initial_contacts();
-    void advance();
-    void adapt_skin();
+    const Simulation& evaluated() const {
+        const_cast<Simulation*>(this)->evaluate(); // a value kept for later, nothing that can be seen
+        return *this;
+    }
+    void move();
+    void sweep();
+    void begin_forces(double history_step);
+    void finish_move();
+    std::size_t count_bonds() const;
+    void keep_lists_valid();
+    double largest_displacement();
+    void adapt_skins(bool outer);
     void rebuild();
+    void refresh();
+    search::CandidateList::Live live() const;
     void compute_forces(double history_step);
-    void sum_forces(bool first);
-    void check_finite(double largest_displacement2) const;
+    AdvanceWork advance_work();
+    Net net(std::size_t row) const;
+    [[noreturn]] void stop_at_bad_particle() const;
+    std::string near_particles(std::size_t row) const;
+    void add_viscous_power();
     std::vector<std::uint32_t> rows_by_id() const;
     Vec3 unwrapped(std::size_t row) const;
-    Vec3 full_velocity(std::size_t row) const;
-    Vec3 full_angular_velocity(std::size_t row) const;
+    Vec3 full_velocity(std::size_t row, const Net& net) const;
+    Vec3 full_angular_velocity(std::size_t row, const Net& net) const;
     void collect_tallies(bool first);
     void find_contacts_again(const SavedState& state);
 
     Scene scene_;
     ThreadTeam& team_;
-    contact::Constants constants_;
+    ConstantsTable constants_;
     KernelChoice kernel_;
     parallel::PeriodicImages images_;
     ParticleColumns particles_;
@@ -137,12 +163,18 @@ private:
     WallContacts walls_;
     TimeStep time_step_;
 
-    std::int64_t step_ = 0, last_rebuild_ = 0;
-    double reach_factor_ = 1, margin_ = 0, skin_ = 0, largest_radius_ = 0, wall_travel_ = 0;
+    std::int64_t step_ = 0, last_rebuild_ = 0, last_refresh_ = 0;
+    double reach_factor_ = 1, bond_reach_ = 0, largest_radius_ = 0, smallest_radius_ = 0, mean_radius_ = 0;
+    double skin_ = 0, close_skin_ = 0; ///< m
+    double travelled_ = 0;   ///< m, the furthest anybody can have moved since the close list was made
+    double displaced_ = 0;   ///< m, the furthest anybody had moved then since the outer list was made
+    double wall_travel_ = 0; ///< m, the same of walls
     double viscous_damping_ = 0;
-    std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, intact_bonds_ = 0;
-    std::vector<Vec3> listed_position_;    ///< positions at the last rebuild
-    std::vector<HalfKick> next_half_kick_; ///< scratch of sum_forces
+    bool current_ = false; ///< the forces are those at the present time
+    std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, refreshes_ = 0, intact_bonds_ = 0;
+    std::vector<Vec3> listed_position_; ///< positions when the outer list was made
+    NetColumns restored_;               ///< what acts at the full step, where a checkpoint says it
+    std::vector<Advanced> advanced_;    ///< by thread
     std::vector<double> thread_displacement_;
     std::vector<Tally> tallies_;
     std::vector<BondBreak> breaks_;
@@ -154,8 +186,7 @@ private:
     std::array<Integral, powers> integrals_;
     double integral(Power which) const;
     ExactSum fractured_;
-    std::vector<Vec3> start_position_; ///< by id, images added
-    double start_energy_ = 0;
+    double start_potential_ = 0, start_energy_ = 0;
     mutable double largest_energy_ = 0;
 };
 

@@ -17,19 +17,22 @@ std::vector<std::uint32_t> Simulation::rows_by_id() const {
 }
 
 Snapshot Simulation::snapshot() const {
+    evaluated();
     const std::size_t n = particles_.owned;
     Snapshot s{std::vector<Vec3>(n), std::vector<Vec3>(n), std::vector<Vec3>(n), std::vector<Vec3>(n)};
     for (std::size_t row = 0; row < n; ++row) {
         const std::uint64_t id = particles_.id[row];
         s.position[id] = unwrapped(row);
-        s.velocity[id] = full_velocity(row);
-        s.angular_velocity[id] = full_angular_velocity(row);
-        s.force[id] = particles_.velocity[row].w * particles_.acceleration[row];
+        const Net acting = net(row);
+        s.velocity[id] = full_velocity(row, acting);
+        s.angular_velocity[id] = full_angular_velocity(row, acting);
+        s.force[id] = particles_.velocity[row].w * acting.acceleration;
     }
     return s;
 }
 
 SavedState Simulation::save() const {
+    evaluated();
     const ParticleColumns& p = particles_;
     const std::size_t n = p.owned;
     SavedState s;
@@ -39,6 +42,7 @@ SavedState Simulation::save() const {
     s.half_angular_velocity.resize(n);
     s.acceleration.resize(n);
     s.angular_acceleration.resize(n);
+    s.damping_load.resize(n);
     s.half_kick.resize(n);
     s.image.resize(n);
     std::vector<std::array<std::int8_t, 3>> wraps(n); // box lengths to take off each row to bring it inside
@@ -62,8 +66,10 @@ SavedState Simulation::save() const {
         s.half_kick[id] = p.half_kick[row];
         s.half_velocity[id] = p.velocity[row].vec();
         s.half_angular_velocity[id] = p.angular_velocity[row].vec();
-        s.acceleration[id] = p.acceleration[row];
-        s.angular_acceleration[id] = p.angular_acceleration[row];
+        const Net acting = net(row);
+        s.acceleration[id] = acting.acceleration;
+        s.angular_acceleration[id] = acting.angular_acceleration;
+        s.damping_load[id] = static_cast<float>(acting.damping_load);
     }
 
     std::vector<std::tuple<std::uint64_t, std::uint64_t, std::array<std::int8_t, 3>, std::size_t>> live;
@@ -110,7 +116,7 @@ SavedState Simulation::save() const {
         put(i.last);
     }
     put(fractured_);
-    s.scalars = {start_energy_, largest_energy_, viscous_damping_};
+    s.scalars = {start_energy_, largest_energy_, viscous_damping_, start_potential_};
     for (std::size_t w = 0; w < walls_.count(); ++w)
         for (int k = 0; k < 3; ++k)
             s.scalars.push_back(walls_.point(w)[k]);
@@ -120,7 +126,7 @@ SavedState Simulation::save() const {
 void Simulation::restore(const SavedState& s) {
     ParticleColumns& p = particles_;
     const std::size_t n = p.owned;
-    if (s.position.size() != n || s.scalars.size() != 3 + 3 * walls_.count() ||
+    if (s.position.size() != n || s.scalars.size() != 4 + 3 * walls_.count() ||
         s.ledger.size() != 2 * (3 * integrals_.size() + 1))
         throw Error(
             ExitCode::input_invalid,
@@ -129,44 +135,52 @@ void Simulation::restore(const SavedState& s) {
                 "model and scene it was made with",
                 s.position.size(), n));
     step_ = s.step;
+    for (std::size_t id = 0; id < n; ++id)
+        if (!is_finite(s.position[id]) || !is_finite(s.half_velocity[id]) ||
+            !is_finite(s.half_angular_velocity[id]) || !is_finite(s.acceleration[id]) ||
+            !is_finite(s.angular_acceleration[id]))
+            throw Error(ExitCode::input_invalid,
+                        fmt::format("the checkpoint's particle {} has a position, velocity or acceleration that is "
+                                    "not a number: go on from an earlier checkpoint",
+                                    id));
     for (std::size_t row = 0; row < n; ++row) {
         const std::uint64_t id = p.id[row];
         p.position[row].set(s.position[id]);
         p.velocity[row].set(s.half_velocity[id]);
         p.angular_velocity[row].set(s.half_angular_velocity[id]);
-        p.acceleration[row] = s.acceleration[id];
-        p.angular_acceleration[row] = s.angular_acceleration[id];
         p.image[row] = s.image[id];
         p.half_kick[row] = s.half_kick[id];
     }
     for (std::size_t w = 0; w < walls_.count(); ++w)
-        walls_.set_point(w, {s.scalars[3 + 3 * w], s.scalars[4 + 3 * w], s.scalars[5 + 3 * w]});
+        walls_.set_point(w, {s.scalars[4 + 3 * w], s.scalars[5 + 3 * w], s.scalars[6 + 3 * w]});
 
     // The start's contacts are not ours.
     std::fill(pairs_.state.begin(), pairs_.state.end(), std::uint8_t{0});
-    std::fill(pairs_.offset.begin(), pairs_.offset.end(), 0.0);
-    std::fill(pairs_.tangential_displacement.begin(), pairs_.tangential_displacement.end(), Vec3{});
     intact_bonds_ = 0;
     rebuild();
     find_contacts_again(s);
 
     // Pair forces are needed for reports only: compute them on a copy of the history, which stays as saved.
-    const PairColumns kept{pairs_.tangential_displacement, pairs_.offset, pairs_.state, {}};
+    // The next step starts from the saved accelerations.
+    PairColumns kept = pairs_;
     const std::vector<WallContacts::Entry> kept_walls(walls_.entries().begin(), walls_.entries().end());
     const std::size_t kept_bonds = intact_bonds_;
-    const std::vector<Vec3> acceleration = p.acceleration, angular_acceleration = p.angular_acceleration;
-    const std::vector<HalfKick> half_kick = p.half_kick;
     compute_forces(0);
-    pairs_.tangential_displacement = kept.tangential_displacement;
-    pairs_.offset = kept.offset;
-    pairs_.state = kept.state;
+    std::swap(kept.force, pairs_.force);
+    std::swap(kept.force_single, pairs_.force_single);
+    pairs_ = std::move(kept);
     for (std::size_t k = 0; k < kept_walls.size(); ++k)
         walls_.entries()[k].history = kept_walls[k].history;
     intact_bonds_ = kept_bonds;
-    p.acceleration = acceleration;
-    p.angular_acceleration = angular_acceleration;
-    p.half_kick = half_kick;
     breaks_.clear();
+    restored_.acceleration.resize(n);
+    restored_.angular_acceleration.resize(n);
+    restored_.damping_load.resize(n);
+    for (std::size_t row = 0; row < n; ++row) {
+        restored_.acceleration[row] = s.acceleration[p.id[row]];
+        restored_.angular_acceleration[row] = s.angular_acceleration[p.id[row]];
+        restored_.damping_load[row] = s.damping_load[p.id[row]];
+    }
 
     std::size_t next = 0;
     const auto get = [&](ExactSum& sum) {
@@ -182,6 +196,7 @@ void Simulation::restore(const SavedState& s) {
     start_energy_ = s.scalars[0];
     largest_energy_ = s.scalars[1];
     viscous_damping_ = s.scalars[2];
+    start_potential_ = s.scalars[3];
 }
 
 void Simulation::find_contacts_again(const SavedState& s) {
@@ -199,7 +214,7 @@ void Simulation::find_contacts_again(const SavedState& s) {
         const auto [i, j] = s.contact_pair[c];
         if (i >= p.owned || j >= p.owned)
             lost(i, j);
-        const std::uint32_t holder = p.species[row_of[i]] == Species::fixed ? row_of[j] : row_of[i];
+        const std::uint32_t holder = list_.holder(p, row_of[i], row_of[j]);
         std::uint32_t k = list_.first(holder);
         const std::uint32_t last = list_.first(holder + 1);
         const auto is_it = [&](const search::Candidate& candidate) {
@@ -212,13 +227,9 @@ void Simulation::find_contacts_again(const SavedState& s) {
             ++k;
         if (k == last)
             lost(i, j);
-        pairs_.state[k] = s.contact_state[c];
-        if (kernel_.tangential)
-            pairs_.tangential_displacement[k] = s.contact_displacement[c];
-        if (kernel_.offsets)
-            pairs_.offset[k] = s.contact_offset[c];
+        pairs_.store(k, {s.contact_displacement[c], s.contact_offset[c], s.contact_state[c]});
     }
-    intact_bonds_ = bonds();
+    intact_bonds_ = count_bonds();
     for (WallContacts::Entry& e : walls_.entries())
         e.history = {};
     for (std::size_t c = 0; c < s.wall_pair.size(); ++c) {

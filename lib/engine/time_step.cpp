@@ -3,26 +3,40 @@
 
 #include "base/error.hpp"
 
+#include <cmath>
 #include <fmt/format.h>
+#include <numbers>
 
 namespace talus::engine {
 
-TimeStep choose_time_step(const Scene& scene, double smallest_radius) {
+QuickestGrain quickness(const Scene& scene, const Material& material, double radius, double mass) {
+    if (scene.linear_law)
+        return {std::sqrt(mass / scene.linear_law->normal_stiffness), radius, mass};
+    Material own = material;
+    own.density = mass / (4.0 / 3.0 * std::numbers::pi * radius * radius * radius);
+    return {contact::rayleigh_time(radius, own), radius, mass};
+}
+
+TimeStep choose_time_step(const Scene& scene, const QuickestGrain& quickest, bool tangential) {
     TimeStep chosen;
-    chosen.rayleigh_time = contact::rayleigh_time(smallest_radius, scene.material);
+    chosen.rayleigh_time = quickest.time;
+    const std::string time =
+        fmt::format("{} {:.4g} s of the grain that swings fastest (r = {:.4g} m, m = {:.4g} kg)",
+                    scene.linear_law ? "time sqrt(m/k)" : "Rayleigh time", quickest.time, quickest.radius,
+                    quickest.mass);
     chosen.step = scene.step.value_or(scene.step_fraction * chosen.rayleigh_time);
     const double fraction = chosen.step / chosen.rayleigh_time;
-    chosen.reason =
-        fmt::format("{:.4g} s = {:.3g} of the Rayleigh time {:.4g} s of the smallest grain (r = {:.4g} m)",
-                    chosen.step, fraction, chosen.rayleigh_time, smallest_radius);
+    chosen.reason = fmt::format("{:.4g} s = {:.3g} of the {}", chosen.step, fraction, time);
     if (!(chosen.step > 0))
         throw Error(ExitCode::configuration_invalid, "time.step: the time step must be above zero");
-    if (fraction > stable_fraction && !scene.allow_unstable)
+    const double limit = stable_fraction(tangential);
+    if (fraction > limit * (1 + 1e-12) && !scene.allow_unstable)
         throw Error(
             ExitCode::configuration_invalid,
-            fmt::format("time.step: {} is above the stable limit of {:.4g} s ({} of the Rayleigh time); take "
-                        "a smaller step or set time.allow_unstable",
-                        chosen.reason, stable_fraction * chosen.rayleigh_time, stable_fraction));
+            fmt::format("time.step: {} is above the stable limit of {:.4g} s ({} of that time{}), beyond which "
+                        "dense packings gain energy; take a smaller step or set time.allow_unstable",
+                        chosen.reason, limit * chosen.rayleigh_time, limit,
+                        tangential ? ", with friction or bonds" : ""));
     return chosen;
 }
 

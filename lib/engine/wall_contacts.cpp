@@ -5,12 +5,29 @@
 
 namespace talus::engine {
 
+namespace {
+template <bool Tangential, bool Linear>
+contact::Force push(const contact::Constants& c, contact::Motion& m, double load, double step,
+                    contact::History& history) {
+    using F = contact::Features<Tangential, false, true, Linear>;
+    m.damping_scale = contact::damping_scale<F>(load, 0);
+    return contact::contact_force<F>(c, m, step, history);
+}
+} // namespace
+
 WallContacts::WallContacts(const Scene& scene, bool tangential)
     : walls_(scene.walls), tangential_(tangential) {
     for (PlaneWall& wall : walls_) {
         wall.normal = wall.normal / norm(wall.normal);
-        constants_.push_back(contact::make_constants(scene.material, wall.material, {}, scene.damping_rule,
-                                                     scene.separation, scene.lever_arm));
+        std::vector<contact::Constants>& against = constants_.emplace_back();
+        against.push_back(scene.linear_law
+                              ? contact::make_linear_constants(*scene.linear_law, wall.material.friction,
+                                                               scene.separation, scene.lever_arm)
+                              : contact::make_constants(scene.material, wall.material, {}, scene.damping_rule,
+                                                        scene.separation, scene.lever_arm));
+        for (const Material& other : scene.more_materials)
+            against.push_back(contact::make_constants(other, wall.material, {}, scene.damping_rule,
+                                                      scene.separation, scene.lever_arm));
     }
 }
 
@@ -69,7 +86,7 @@ void WallContacts::compute(const ParticleColumns& p, double step, ThreadTeam& te
         for (std::size_t k = begin; k < end; ++k) {
             Entry& e = entries_[k];
             const PlaneWall& wall = walls_[e.wall];
-            const contact::Constants& c = constants_[e.wall];
+            const contact::Constants& c = constants_of(p, e);
             const Record& x = p.position[e.row];
             const Record& v = p.velocity[e.row];
             contact::Motion m;
@@ -85,15 +102,15 @@ void WallContacts::compute(const ParticleColumns& p, double step, ThreadTeam& te
             m.arm_i = x.w * stretch;
             const Vec3 w = p.angular_velocity[e.row].vec();
             m.half_spin = m.arm_i * w;
-            m.spin = m.arm_i * (w + p.half_kick[e.row].angular_velocity());
+            m.spin = m.half_spin + stretch * p.half_kick[e.row].spin();
             m.half_twist = 0.5 * dot(w, m.normal);
-            using Rubbing = contact::Features<true, false, true>;
-            using Smooth = contact::Features<false, false, true>;
             const double load = p.half_kick[e.row].damping_load;
-            m.damping_scale = tangential_ ? contact::damping_scale<Rubbing>(load, 0)
-                                          : contact::damping_scale<Smooth>(load, 0);
-            const contact::Force f = tangential_ ? contact::contact_force<Rubbing>(c, m, step, e.history)
-                                                 : contact::contact_force<Smooth>(c, m, step, e.history);
+            const bool linear = c.law == contact::Law::linear;
+            const contact::Force f =
+                tangential_ ? (linear ? push<true, true>(c, m, load, step, e.history)
+                                      : push<true, false>(c, m, load, step, e.history))
+                            : (linear ? push<false, true>(c, m, load, step, e.history)
+                                      : push<false, false>(c, m, load, step, e.history));
             e.force = f.tangential - f.normal * m.normal;
             e.damping = f.active ? f.damping : 0;
             e.couple = stretch * cross(m.normal, f.tangential);
@@ -107,7 +124,7 @@ void WallContacts::add_elastic_energy(const ParticleColumns& p, ExactSum& sum) c
     for (const Entry& e : entries_) {
         const Record& x = p.position[e.row];
         const double overlap = x.w - distance(e.wall, x.vec()) - e.history.offset;
-        sum.add(contact::normal_energy(constants_[e.wall], x.w, overlap, false));
+        sum.add(contact::normal_energy(constants_of(p, e), x.w, overlap, false));
     }
 }
 

@@ -66,7 +66,10 @@ private:
     std::vector<Vec3> totals(const ParticleColumns& p, bool torque) const;
 
     std::vector<PlaneWall> walls_;
-    std::vector<contact::Constants> constants_;
+    const contact::Constants& constants_of(const ParticleColumns& p, const Entry& e) const {
+        return constants_[e.wall][p.material.empty() ? 0 : p.material[e.row]];
+    }
+    std::vector<std::vector<contact::Constants>> constants_; ///< [wall][material of the grain]
     bool tangential_ = true;
     std::vector<Entry> entries_;
     std::vector<std::uint32_t> first_;

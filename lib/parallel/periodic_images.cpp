@@ -89,6 +89,11 @@ void PeriodicImages::make_ghosts(ParticleColumns& p, double reach) const {
     p.angular_velocity.resize(rows);
     p.half_kick.resize(rows);
     p.id.resize(rows);
+    if (!p.material.empty()) {
+        p.material.resize(rows);
+        for (std::size_t g = 0; g < p.ghosts(); ++g)
+            p.material[p.owned + g] = p.material[p.ghost_owner[g]];
+    }
     for (std::size_t g = 0; g < p.ghosts(); ++g) {
         p.id[p.owned + g] = p.id[p.ghost_owner[g]];
         copy_to_ghost(p, g);

@@ -29,6 +29,9 @@ public:
                 (x.z + rounding_.z) - rounding_.z};
     }
 
+    /// The constant c of `snap`, for code that does the same several at a time.
+    const Vec3& rounding() const { return rounding_; }
+
     /// Takes whole box lengths off owned positions; `wrapped[row]` says how many (added to `image` as well).
     void wrap(ParticleColumns& p, std::vector<std::array<std::int8_t, 3>>& wrapped) const;
 

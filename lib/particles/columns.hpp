@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include "base/aligned.hpp"
 #include "base/vec3.hpp"
 #include "particles/grains.hpp"
 
@@ -19,32 +20,35 @@ struct alignas(32) Record {
     void set(const Vec3& v) { x = v.x, y = v.y, z = v.z; }
 };
 
-/// Half a step's change of velocity and angular velocity, which takes both from the half step, where they are
-/// stored, to the full step, where forces act. Single precision: it is a small correction, only gathered.
+/// Half a step's change of velocity and of surface velocity (radius times angular velocity), which takes both
+/// from the half step, where they are stored, to the full step, where forces act. Single precision: it is a
+/// small correction, only gathered.
 struct alignas(32) HalfKick {
-    float vx = 0, vy = 0, vz = 0;
-    float damping_load = 0; ///< sum of the contacts' eta_n dt / m at the last full step
-    float wx = 0, wy = 0, wz = 0, unused = 0;
+    float vx = 0, vy = 0, vz = 0;   ///< m s-1
+    float damping_load = 0;         ///< sum of the contacts' eta_n dt / m at the last full step
+    float sx = 0, sy = 0, sz = 0;   ///< m s-1
+    float unused = 0;
 
     HalfKick() = default;
-    HalfKick(const Vec3& v, const Vec3& w)
-        : vx(float(v.x)), vy(float(v.y)), vz(float(v.z)), wx(float(w.x)), wy(float(w.y)), wz(float(w.z)) {}
+    HalfKick(const Vec3& v, const Vec3& spin)
+        : vx(float(v.x)), vy(float(v.y)), vz(float(v.z)), sx(float(spin.x)), sy(float(spin.y)),
+          sz(float(spin.z)) {}
     Vec3 velocity() const { return {vx, vy, vz}; }
-    Vec3 angular_velocity() const { return {wx, wy, wz}; }
+    Vec3 spin() const { return {sx, sy, sz}; }
 };
+
 
 /// The engine's particles, column by column. Rows [0, owned) are this domain's own, in a space-filling order;
 /// rows [owned, size) are ghosts: periodic images (later also copies from other ranks) of owned rows.
 struct ParticleColumns {
-    std::vector<Record> position;         ///< m; w: radius, m
-    std::vector<Record> velocity;         ///< m s-1 at the last half step; w: mass, kg
-    std::vector<Record> angular_velocity; ///< rad s-1 at the last half step; w: moment of inertia, kg m2
-    std::vector<HalfKick> half_kick;      ///< from the half step on to the next full step (prediction)
-    std::vector<std::uint64_t> id;        ///< global id = row in every file
+    Column<Record> position;         ///< m; w: radius, m
+    Column<Record> velocity;         ///< m s-1 at the last half step; w: mass, kg
+    Column<Record> angular_velocity; ///< rad s-1 at the last half step; w: moment of inertia, kg m2
+    Column<HalfKick> half_kick;      ///< from the half step on to the next full step (prediction)
+    std::vector<std::uint64_t> id;   ///< global id = row in every file
+    std::vector<std::uint8_t> material; ///< index into the scene's materials; empty where there is one
 
-    std::vector<Vec3> acceleration;         ///< m s-2, owned rows, at the last full step
-    std::vector<Vec3> angular_acceleration; ///< rad s-2
-    std::vector<Species> species;
+    std::vector<Species> species; ///< owned rows
     std::vector<std::uint8_t> release;
     std::vector<std::array<std::int32_t, 3>> image; ///< box lengths taken off by wrapping so far
 

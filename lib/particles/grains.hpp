@@ -45,6 +45,7 @@ struct Grains {
     std::vector<Vec3> angular_velocity; ///< rad s-1; empty: zero
     std::vector<Species> species;       ///< empty: all grain
     std::vector<std::uint8_t> release;  ///< 1: above the rupture surface; empty: none
+    std::vector<std::uint8_t> material; ///< index into the scene's materials; empty: all 0
     ContactTable contacts;              ///< known contacts of the packing; may be empty
     Vec3 origin;                        ///< m, of the local coordinates in the map's system
     std::string coordinate_system;      ///< WKT of the map's system; empty: none

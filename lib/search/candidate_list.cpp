@@ -2,11 +2,12 @@
 #include "search/candidate_list.hpp"
 
 #include "base/error.hpp"
-#include "search/cell_grid.hpp"
 
-#include <limits>
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <numeric>
 #include <tuple>
-#include <utility>
 
 namespace talus::search {
 
@@ -14,191 +15,308 @@ namespace {
 
 using Shift = std::array<std::int8_t, 3>;
 
-struct Extent {
-    Vec3 lower, upper;
-    double largest_radius = 0;
-};
-
-Extent extent_of(const ParticleColumns& p) {
-    constexpr double inf = std::numeric_limits<double>::infinity();
-    Extent extent{{inf, inf, inf}, {-inf, -inf, -inf}, 0};
-    for (const Record& r : p.position) {
-        for (int k = 0; k < 3; ++k) {
-            extent.lower[k] = std::min(extent.lower[k], r.vec()[k]);
-            extent.upper[k] = std::max(extent.upper[k], r.vec()[k]);
-        }
-        extent.largest_radius = std::max(extent.largest_radius, r.w);
-    }
-    return extent;
+/// Sizes fall into classes by powers of two below the largest radius.
+std::size_t size_class(double radius, double largest) {
+    return static_cast<std::size_t>(std::clamp(std::ilogb(largest / radius), 0, 15));
 }
 
 bool moves(const ParticleColumns& p, std::uint32_t row) {
     return p.species[p.owner(row)] != Species::fixed;
 }
 
-/// Whether row i, which moves, holds the pair: always against one that does not move; else the lower id does,
-/// and a particle and its own image go by the shift's sign.
-bool holds(const ParticleColumns& p, std::uint32_t i, std::uint32_t j) {
-    if (!moves(p, j))
-        return true;
-    if (p.id[i] != p.id[j])
-        return p.id[i] < p.id[j];
-    return p.shift(j) > Shift{};
-}
-
 Candidate by_id(const ParticleColumns& p, std::uint32_t a, std::uint32_t b) {
     return p.id[a] <= p.id[b] ? Candidate{a, b} : Candidate{b, a};
 }
 
-/// Image of the candidate's j against its i.
-Shift relative_shift(const ParticleColumns& p, const Candidate& c) {
-    Shift shift = p.shift(c.j);
-    const Shift of_i = p.shift(c.i);
+Shift operator-(Shift a, const Shift& b) {
     for (std::size_t d = 0; d < 3; ++d)
-        shift[d] = static_cast<std::int8_t>(shift[d] - of_i[d]);
-    return shift;
+        a[d] = static_cast<std::int8_t>(a[d] - b[d]);
+    return a;
+}
+
+std::uint32_t add(std::uint32_t& counter, bool shared) {
+    return shared ? std::atomic_ref(counter).fetch_add(1, std::memory_order_relaxed) : counter++;
 }
 
 } // namespace
 
-CandidateList::Pairs CandidateList::find(const ParticleColumns& p, double factor, double margin,
-                                         ThreadTeam& team) {
-    Pairs found;
-    found.first.assign(p.owned + 1, 0);
-    found.id = p.id;
-    found.shift = p.ghost_shift;
-    if (p.owned == 0)
-        return found;
-    const Extent extent = extent_of(p);
-    const double cutoff = 2 * extent.largest_radius * factor + margin;
-    CellGrid grid(extent.lower, extent.upper, cutoff, p.size());
-    grid.sort(p.size(), [&](std::size_t row) { return p.position[row].vec(); });
-    const auto cells = grid.cells();
+std::uint32_t CandidateList::holder(const ParticleColumns& p, std::uint32_t i, std::uint32_t j) const {
+    if (const bool i_moves = moves(p, i); i_moves != moves(p, j))
+        return i_moves ? i : j;
+    const std::size_t class_i = size_class(p.position[i].w, largest_radius_),
+                      class_j = size_class(p.position[j].w, largest_radius_);
+    if (class_i != class_j)
+        return class_i > class_j ? i : j;
+    if (p.owner(i) != p.owner(j))
+        return p.owner(i) < p.owner(j) ? i : j;
+    return p.shift(j) > p.shift(i) ? i : j; // a particle and its own image
+}
 
-    std::vector<std::vector<Candidate>> parts(static_cast<std::size_t>(team.size()));
+void CandidateList::find(const ParticleColumns& p, double factor, double margin, ThreadTeam& team) {
+    largest_radius_ = 0;
+    for (std::size_t row = 0; row < p.owned; ++row)
+        largest_radius_ = std::max(largest_radius_, p.position[row].w);
+    for (auto& rows : class_rows_)
+        rows.clear();
+    std::vector<bool> has_fixed;
+    for (std::uint32_t row = 0; row < p.size(); ++row) {
+        const std::size_t c = size_class(p.position[row].w, largest_radius_);
+        if (c >= class_rows_.size())
+            class_rows_.resize(c + 1);
+        has_fixed.resize(std::max(has_fixed.size(), c + 1), false);
+        class_rows_[c].push_back(row);
+        has_fixed[c] = has_fixed[c] || !moves(p, row);
+    }
+    points_.resize(class_rows_.size());
+    for (std::size_t c = 0; c < points_.size(); ++c) {
+        const double radius = std::ldexp(largest_radius_, -static_cast<int>(c));
+        points_[c].build(p, class_rows_[c], 2 * radius * factor + margin, team);
+    }
+
+    const auto threads = static_cast<std::size_t>(team.size());
+    found_.resize(threads);
+    near_.resize(threads);
+    for (auto& found : found_)
+        found.clear();
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
-        auto& out = parts[static_cast<std::size_t>(thread)];
+        auto& found = found_[static_cast<std::size_t>(thread)];
+        auto& near = near_[static_cast<std::size_t>(thread)];
         for (std::size_t row = begin; row < end; ++row) {
             const auto i = static_cast<std::uint32_t>(row);
             if (!moves(p, i))
                 continue;
             const Record self = p.position[i];
-            const auto home = grid.coordinates(self.vec());
-            const int x0 = std::max(home[0] - 1, 0), x1 = std::min(home[0] + 1, cells[0] - 1);
-            for (int z = std::max(home[2] - 1, 0); z <= std::min(home[2] + 1, cells[2] - 1); ++z)
-                for (int y = std::max(home[1] - 1, 0); y <= std::min(home[1] + 1, cells[1] - 1); ++y)
-                    for (const std::uint32_t j :
-                         grid.members(grid.index({x0, y, z}), grid.index({x1, y, z}))) {
-                        const Record other = p.position[j];
-                        const double dx = other.x - self.x, dy = other.y - self.y, dz = other.z - self.z;
-                        const double reach = (self.w + other.w) * factor + margin;
-                        if (dx * dx + dy * dy + dz * dz >= reach * reach || j == i || !holds(p, i, j))
-                            continue;
-                        out.push_back({i, j}); // holder first; oriented by id below
-                    }
+            const std::size_t own = size_class(self.w, largest_radius_);
+            for (std::size_t c = 0; c < points_.size(); ++c) {
+                if (points_[c].size() == 0 || (c > own && !has_fixed[c]))
+                    continue;
+                near.clear();
+                const double base = self.w * factor + margin;
+                points_[c].near(self.vec(), base + factor * points_[c].largest_radius(), base, factor, near);
+                for (const std::uint32_t j : near)
+                    if (j != i && (c < own || (c == own ? holder(p, i, j) == i : !moves(p, j))))
+                        found.push_back({i, j});
+            }
         }
     });
-    std::size_t total = 0;
-    for (const auto& part : parts)
-        total += part.size();
+
+    counts_.assign(threads + 1, 0);
+    for (std::size_t t = 0; t < threads; ++t)
+        counts_[t + 1] = counts_[t] + found_[t].size();
+    const std::size_t total = counts_[threads];
     if (total >= no_candidate / 2)
         throw Error(ExitCode::run_failed,
                     "more than 2^31 near pairs in one domain: use more ranks or less skin");
-    found.candidates.reserve(total);
-    for (const auto& part : parts)
-        found.candidates.insert(found.candidates.end(), part.begin(), part.end());
-    found.partner.resize(total);
-    for (std::size_t k = 0; k < total; ++k) {
-        Candidate& c = found.candidates[k];
-        ++found.first[c.i + 1];
-        found.partner[k] = c.j;
-        c = by_id(p, c.i, c.j);
-    }
-    for (std::size_t row = 0; row < p.owned; ++row)
-        found.first[row + 1] += found.first[row];
-    return found;
+    holder_.resize(total);
+    partner_.resize(total);
+    first_.assign(p.owned + 1, 0);
+    team.run([&](int thread) {
+        std::size_t k = counts_[static_cast<std::size_t>(thread)];
+        for (const Found& pair : found_[static_cast<std::size_t>(thread)]) {
+            holder_[k] = pair.holder;
+            partner_[k++] = pair.partner;
+            ++first_[pair.holder + 1]; // one thread found all pairs of a holder
+        }
+    });
+    std::partial_sum(first_.begin(), first_.end(), first_.begin());
 }
 
-void CandidateList::rebuild(const ParticleColumns& p, double factor, double margin,
-                            std::span<const std::uint32_t> old_row, std::span<const Shift> wrapped,
-                            ThreadTeam& team) {
-    const Pairs old = std::exchange(pairs_, find(p, factor, margin, team));
-    match(old, old_row, wrapped, p, team);
+std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::uint32_t> old_row,
+                                 std::span<const Shift> wrapped, Live live, ThreadTeam& team) {
+    if (close_size_ == 0)
+        return 0;
+    const std::size_t old_owned = old_row.size();
+    new_row_.resize(old_owned);
+    team.for_range(old_owned, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row)
+            new_row_[old_row[row]] = static_cast<std::uint32_t>(row);
+    });
+    const auto owner_before = [&](std::uint32_t row) {
+        return row < old_owned ? row : ghost_owner_[row - old_owned];
+    };
+    const auto shift_before = [&](std::uint32_t row) {
+        return row < old_owned ? Shift{} : ghost_shift_[row - old_owned];
+    };
+    std::atomic<std::size_t> lost{0};
+    team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k) {
+            if (!(live.state[k] & live.mask))
+                continue;
+            const Candidate old = candidates_[k];
+            const std::uint32_t i = new_row_[owner_before(old.i)], j = new_row_[owner_before(old.j)];
+            // The image of j against i, counted in the positions after both were wrapped.
+            const Shift image = shift_before(old.j) - shift_before(old.i) - wrapped[i] - (Shift{} - wrapped[j]);
+            const auto in_row = [&](std::uint32_t holder, std::uint32_t other, const Shift& of_other) {
+                for (std::uint32_t o = first_[holder]; o < first_[holder + 1]; ++o)
+                    if (p.owner(partner_[o]) == other && p.shift(partner_[o]) == of_other)
+                        return o;
+                return no_candidate;
+            };
+            std::uint32_t o = no_candidate;
+            if (moves(p, i))
+                o = in_row(i, j, image);
+            if (o == no_candidate && moves(p, j))
+                o = in_row(j, i, Shift{} - image);
+            if (o == no_candidate)
+                lost.fetch_add(1, std::memory_order_relaxed);
+            else
+                previous_of_outer_[o] = static_cast<std::uint32_t>(k);
+        }
+    });
+    return lost;
+}
+
+std::size_t CandidateList::rebuild(const ParticleColumns& p, double factor, double margin, double close_factor,
+                                   double close_margin, std::span<const std::uint32_t> old_row,
+                                   std::span<const Shift> wrapped, Live live, ThreadTeam& team) {
+    find(p, factor, margin, team);
+    previous_of_outer_.assign(holder_.size(), no_candidate);
+    const std::size_t lost = old_row.empty() ? 0 : match(p, old_row, wrapped, live, team);
+    ghost_owner_ = p.ghost_owner;
+    ghost_shift_ = p.ghost_shift;
+    select(p, close_factor, close_margin, team);
+    return lost;
+}
+
+void CandidateList::refresh(const ParticleColumns& p, double close_margin, Live live, ThreadTeam& team) {
+    previous_of_outer_.assign(holder_.size(), no_candidate);
+    team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k)
+            if (live.state[k] & live.mask)
+                previous_of_outer_[outer_of_[k]] = static_cast<std::uint32_t>(k);
+    });
+    select(p, 1, close_margin, team);
+}
+
+void CandidateList::select(const ParticleColumns& p, double factor, double margin, ThreadTeam& team) {
+    const std::size_t outer = holder_.size();
+    const auto threads = static_cast<std::size_t>(team.size());
+    chosen_.resize(outer);
+    counts_.assign(threads + 1, 0);
+    team.for_range(outer, [&](std::size_t begin, std::size_t end, int thread) {
+        std::size_t count = 0;
+        for (std::size_t o = begin; o < end; ++o) {
+            const Record a = p.position[holder_[o]], b = p.position[partner_[o]];
+            const double dx = b.x - a.x, dy = b.y - a.y, dz = b.z - a.z;
+            const double reach = (a.w + b.w) * factor + margin;
+            const bool close = dx * dx + dy * dy + dz * dz < reach * reach;
+            chosen_[o] = close || previous_of_outer_[o] != no_candidate;
+            count += chosen_[o];
+        }
+        counts_[static_cast<std::size_t>(thread) + 1] = count;
+    });
+    std::partial_sum(counts_.begin(), counts_.end(), counts_.begin());
+    close_size_ = counts_[threads];
+    candidates_.resize(close_size_ + padding);
+    outer_of_.resize(close_size_);
+    previous_.resize(close_size_);
+    close_first_.resize(p.owned + 1);
+    team.for_range(outer, [&](std::size_t begin, std::size_t end, int thread) {
+        std::size_t k = counts_[static_cast<std::size_t>(thread)];
+        // Rows after `row` begin at the next pair that is kept.
+        std::size_t row = begin == 0 ? 0 : holder_[begin - 1] + std::size_t{1};
+        for (std::size_t o = begin; o < end; ++o) {
+            for (; row <= holder_[o]; ++row)
+                close_first_[row] = static_cast<std::uint32_t>(k);
+            if (!chosen_[o])
+                continue;
+            candidates_[k] = by_id(p, holder_[o], partner_[o]);
+            outer_of_[k] = static_cast<std::uint32_t>(o);
+            previous_[k++] = previous_of_outer_[o];
+        }
+    });
+    for (std::size_t row = outer == 0 ? 0 : holder_[outer - 1] + std::size_t{1}; row <= p.owned; ++row)
+        close_first_[row] = static_cast<std::uint32_t>(close_size_);
+    const Candidate last = close_size_ > 0 ? candidates_[close_size_ - 1] : Candidate{0, 0};
+    std::fill_n(candidates_.begin() + static_cast<std::ptrdiff_t>(close_size_), padding, last);
     build_references(p, team);
 }
 
-void CandidateList::match(const Pairs& old, std::span<const std::uint32_t> old_row,
-                          std::span<const Shift> wrapped, const ParticleColumns& p, ThreadTeam& team) {
-    previous_.assign(pairs_.candidates.size(), no_candidate);
-    if (old_row.empty() || old.candidates.empty())
-        return;
-    const auto wrap_of = [&](std::uint32_t row) { return wrapped.empty() ? Shift{} : wrapped[p.owner(row)]; };
+void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team) {
+    // Particles that do not move need no sum: their tables stay empty.
+    const bool shared = team.size() > 1;
+    reference_start_.resize(p.owned + 1);
+    reference_start_[0] = 0;
+    team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row)
+            reference_start_[row + 1] = close_first_[row + 1] - close_first_[row];
+    });
+    const auto other = [&](std::size_t k) { return p.owner(partner_[outer_of_[k]]); };
+    team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k)
+            if (const std::uint32_t row = other(k); p.species[row] != Species::fixed)
+                add(reference_start_[row + 1], shared);
+    });
+    std::partial_sum(reference_start_.begin(), reference_start_.end(), reference_start_.begin());
+    references_.resize(reference_start_[p.owned]);
+    cursor_.resize(p.owned);
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
-            const std::uint32_t from = old_row[row];
-            for (std::uint32_t k = pairs_.first[row]; k < pairs_.first[row + 1]; ++k) {
-                const std::uint32_t j = pairs_.partner[k];
-                // The same image of the partner, counted in the positions before both were wrapped.
-                Shift shift = p.shift(j);
-                const Shift wi = wrap_of(static_cast<std::uint32_t>(row)), wj = wrap_of(j);
-                for (std::size_t d = 0; d < 3; ++d)
-                    shift[d] = static_cast<std::int8_t>(shift[d] + wi[d] - wj[d]);
-                for (std::uint32_t o = old.first[from]; o < old.first[from + 1]; ++o) {
-                    const std::uint32_t oj = old.partner[o];
-                    if (old.id[oj] == p.id[j] && old.shift_of(oj) == shift) {
-                        previous_[k] = o;
-                        break;
-                    }
-                }
-            }
+            std::uint32_t at = reference_start_[row];
+            for (std::uint32_t k = close_first_[row]; k < close_first_[row + 1]; ++k)
+                references_[at++] = {2 * k + (candidates_[k].i == holder_[outer_of_[k]] ? 0u : 1u)};
+            cursor_[row] = at;
         }
     });
-}
+    team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k)
+            if (const std::uint32_t row = other(k); p.species[row] != Species::fixed)
+                references_[add(cursor_[row], shared)] = {
+                    static_cast<std::uint32_t>(2 * k + (candidates_[k].i == partner_[outer_of_[k]] ? 0 : 1))};
+    });
 
-void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team) {
-    reference_start_.assign(p.owned + 1, 0);
-    for (const Candidate& c : pairs_.candidates) {
-        ++reference_start_[p.owner(c.i) + 1];
-        ++reference_start_[p.owner(c.j) + 1];
-    }
-    for (std::size_t row = 0; row < p.owned; ++row)
-        reference_start_[row + 1] += reference_start_[row];
-    references_.resize(2 * pairs_.candidates.size());
-    std::vector<std::uint32_t> fill(reference_start_.begin(), reference_start_.end() - 1);
-    for (std::uint32_t k = 0; k < pairs_.candidates.size(); ++k) {
-        const Candidate& c = pairs_.candidates[k];
-        references_[fill[p.owner(c.i)]++] = {2 * k};
-        references_[fill[p.owner(c.j)]++] = {2 * k + 1};
-    }
-    const auto partner_key = [&](Reference r) {
-        const Candidate& c = pairs_.candidates[r.candidate()];
-        Shift shift = relative_shift(p, c);
-        if (r.is_second())
-            for (auto& s : shift)
-                s = static_cast<std::int8_t>(-s);
-        return std::tuple(r.is_second() ? p.id[c.i] : p.id[c.j], shift);
+    struct Keyed {
+        std::uint64_t id;
+        Reference reference;
+    };
+    // The partner's image seen from the particle decides between two contacts with the same partner.
+    const auto image = [&](Reference r) {
+        const Candidate c = candidates_[r.candidate()];
+        return r.is_second() ? p.shift(c.i) - p.shift(c.j) : p.shift(c.j) - p.shift(c.i);
+    };
+    const auto before = [&](const Keyed& a, const Keyed& b) {
+        return a.id != b.id ? a.id < b.id : image(a.reference) < image(b.reference);
     };
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
+        std::vector<Keyed> keys;
         for (std::size_t row = begin; row < end; ++row) {
-            const auto first = references_.begin() + reference_start_[row];
-            const auto last = references_.begin() + reference_start_[row + 1];
-            for (auto it = first; it != last; ++it) { // short lists: insertion sort
-                const Reference moving = *it;
-                const auto key = partner_key(moving);
-                auto hole = it;
-                for (; hole != first && key < partner_key(*(hole - 1)); --hole)
-                    *hole = *(hole - 1);
-                *hole = moving;
+            Reference* const first = references_.data() + reference_start_[row];
+            const std::size_t count = reference_start_[row + 1] - reference_start_[row];
+            keys.resize(std::max(count, keys.size()));
+            for (std::size_t k = 0; k < count; ++k) {
+                const Candidate c = candidates_[first[k].candidate()];
+                keys[k] = {p.id[first[k].is_second() ? c.i : c.j], first[k]};
             }
+            if (count > 32) {
+                std::sort(keys.begin(), keys.begin() + static_cast<std::ptrdiff_t>(count), before);
+            } else {
+                for (std::size_t k = 1; k < count; ++k) {
+                    const Keyed moving = keys[k];
+                    std::size_t hole = k;
+                    for (; hole > 0 && before(moving, keys[hole - 1]); --hole)
+                        keys[hole] = keys[hole - 1];
+                    keys[hole] = moving;
+                }
+            }
+            for (std::size_t k = 0; k < count; ++k)
+                first[k] = keys[k].reference;
         }
     });
 }
 
 std::size_t CandidateList::memory() const {
-    return pairs_.candidates.capacity() * (sizeof(Candidate) + sizeof(std::uint32_t)) +
-           (pairs_.first.capacity() + previous_.capacity() + reference_start_.capacity()) *
-               sizeof(std::uint32_t) +
-           references_.capacity() * sizeof(Reference) + pairs_.id.capacity() * sizeof(std::uint64_t);
+    const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
+    std::size_t sum = bytes(holder_) + bytes(partner_) + bytes(first_) + bytes(candidates_) + bytes(outer_of_) +
+                      bytes(close_first_) + bytes(previous_) + bytes(references_) + bytes(reference_start_) +
+                      bytes(ghost_owner_) + bytes(ghost_shift_) + bytes(previous_of_outer_) + bytes(new_row_) +
+                      bytes(cursor_) + bytes(chosen_);
+    for (const auto& found : found_)
+        sum += bytes(found);
+    for (const auto& rows : class_rows_)
+        sum += bytes(rows);
+    for (const SortedPoints& points : points_)
+        sum += points.memory();
+    return sum;
 }
 
 } // namespace talus::search

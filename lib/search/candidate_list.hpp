@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include "base/aligned.hpp"
 #include "base/thread_team.hpp"
 #include "particles/columns.hpp"
+#include "search/sorted_points.hpp"
 
+#include <algorithm>
 #include <cstdint>
 #include <span>
 #include <vector>
 
 namespace talus::search {
 
-/// Two rows that may touch before the next rebuild; `i` has the lower global id. At least one of them is an
-/// owned row that can move: the candidate's holder, which is the one that moves or, of two that do, the one
-/// with the lower id. The other may be a ghost. A particle beside its own periodic image is paired once.
+/// Two rows that may touch before the next refresh; `i` has the lower global id. At least one of them is an
+/// owned row that can move. The other may be a ghost. A particle beside its own periodic image is paired once.
 struct Candidate {
     std::uint32_t i, j;
 };
@@ -25,55 +27,99 @@ struct Reference {
 
 constexpr std::uint32_t no_candidate = ~std::uint32_t{0};
 
-/// All pairs of particles that could touch until somebody has moved half a skin, and for each particle the
-/// table of its pairs in the order of the partner's id. Adding up a particle's forces in that order gives the
-/// same bits whatever the storage order, the age of the list or the number of threads (after Nishiura &
-/// Sakaguchi, Eur. Phys. J. Special Topics 196 (2011), who use such a table to avoid write conflicts).
+/// Near pairs on two levels. The outer list holds all pairs that could touch until somebody has moved half its
+/// skin; it takes a search to make. The close list holds those of the outer list that could touch until somebody
+/// has moved half a much smaller skin, and those that carry history; it takes one pass over the outer list to
+/// make, and is what forces are computed over. For each particle that moves there is the table of its close pairs in the
+/// order of the partner's id: adding up a particle's forces in that order gives the same bits whatever the
+/// storage order, the age of the lists or the number of threads (after Nishiura & Sakaguchi, Eur. Phys. J.
+/// Special Topics 196 (2011), who use such a table to avoid write conflicts).
+///
+/// Each pair is held by one owned row: the one that moves or, of two that do, the much smaller one or, of
+/// two alike, the lower one. Both lists are in the order of the holders' rows, so that (sizes alike) all pairs of
+/// a row stand before those of the next: it can be moved while its pairs' forces are still in the cache.
 class CandidateList {
 public:
-    /// Lists all pairs with distance < (ri + rj) factor + margin in which at least one particle can move.
-    /// Afterwards `previous()[k]` tells where candidate k stood in the list before, or `no_candidate`.
+    /// Candidates that vector code may read beyond the last one (repetitions of it).
+    static constexpr std::size_t padding = 16;
+
+    /// Pairs whose history must not be lost: those of the present close list with state & mask.
+    struct Live {
+        std::span<const std::uint8_t> state;
+        std::uint8_t mask = 0xff;
+    };
+
+    /// Makes both lists: outer pairs have distance < (ri + rj) factor + margin, close ones distance < (ri + rj)
+    /// close_factor + close_margin. Afterwards `previous()[k]` tells where close pair k stood before, or
+    /// `no_candidate` for pairs that were not there or not live.
     ///
     /// @param p         columns, sorted, with ghosts reaching at least the largest cutoff beyond owned rows
     /// @param old_row   [owned] row each owned particle had in the list before; empty at the first build
-    /// @param wrapped   [owned] box lengths taken off each owned particle since then; empty: none
-    void rebuild(const ParticleColumns& p, double factor, double margin,
-                 std::span<const std::uint32_t> old_row, std::span<const std::array<std::int8_t, 3>> wrapped,
-                 ThreadTeam& team);
+    /// @param wrapped   [owned] box lengths taken off each owned particle since then
+    /// @returns number of live pairs that are beyond the outer list's reach: their history is lost
+    std::size_t rebuild(const ParticleColumns& p, double factor, double margin, double close_factor,
+                        double close_margin, std::span<const std::uint32_t> old_row,
+                        std::span<const std::array<std::int8_t, 3>> wrapped, Live live, ThreadTeam& team);
+    /// Makes the close list anew from the outer one.
+    void refresh(const ParticleColumns& p, double close_margin, Live live, ThreadTeam& team);
 
-    std::size_t size() const { return pairs_.candidates.size(); }
-    std::span<const Candidate> candidates() const { return pairs_.candidates; }
-    std::span<const std::uint32_t> previous() const { return previous_; }
-    /// Candidates that this owned row holds: [first(row), first(row + 1)).
-    std::uint32_t first(std::size_t row) const { return pairs_.first[row]; }
+    std::size_t size() const { return close_size_; }
+    std::span<const Candidate> candidates() const { return {candidates_.data(), close_size_}; }
+    std::span<const std::uint32_t> previous() const { return {previous_.data(), close_size_}; }
+    /// Close pairs held by this owned row: [first(row), first(row + 1)).
+    std::uint32_t first(std::size_t row) const { return close_first_[row]; }
+    /// First row whose pairs all begin at or after this close pair.
+    std::size_t row_at(std::size_t pair) const {
+        return static_cast<std::size_t>(
+            std::lower_bound(close_first_.begin(), close_first_.end(), pair) - close_first_.begin());
+    }
+    /// The row that would hold this pair.
+    std::uint32_t holder(const ParticleColumns& p, std::uint32_t i, std::uint32_t j) const;
     std::span<const Reference> references(std::size_t row) const {
         return {references_.data() + reference_start_[row],
                 reference_start_[row + 1] - reference_start_[row]};
     }
+    /// The tables of all rows, for loops that walk them in order: row's is [start[row], start[row + 1]).
+    const Reference* all_references() const { return references_.data(); }
+    const std::uint32_t* reference_start() const { return reference_start_.data(); }
+    std::size_t outer_size() const { return holder_.size(); }
     std::size_t memory() const;
 
 private:
     using Shift = std::array<std::int8_t, 3>;
-    struct Pairs {
-        std::vector<Candidate> candidates;
-        std::vector<std::uint32_t> first;   ///< [owned + 1]
-        std::vector<std::uint64_t> id;      ///< [rows] to recognise a pair in the next list
-        std::vector<Shift> shift;           ///< [rows - owned]
-        std::vector<std::uint32_t> partner; ///< [candidates] the row that is not the holder
-        Shift shift_of(std::uint32_t row) const {
-            const std::size_t owned = first.size() - 1;
-            return row < owned ? Shift{} : shift[row - owned];
-        }
-    };
-    static Pairs find(const ParticleColumns& p, double factor, double margin, ThreadTeam& team);
-    void match(const Pairs& old, std::span<const std::uint32_t> old_row, std::span<const Shift> wrapped,
-               const ParticleColumns& p, ThreadTeam& team);
+    void find(const ParticleColumns& p, double factor, double margin, ThreadTeam& team);
+    std::size_t match(const ParticleColumns& p, std::span<const std::uint32_t> old_row,
+                      std::span<const Shift> wrapped, Live live, ThreadTeam& team);
+    void select(const ParticleColumns& p, double factor, double margin, ThreadTeam& team);
     void build_references(const ParticleColumns& p, ThreadTeam& team);
 
-    Pairs pairs_;
-    std::vector<std::uint32_t> previous_;
-    std::vector<Reference> references_;
+    // Outer list.
+    Column<std::uint32_t> holder_, partner_;
+    std::vector<std::uint32_t> first_; ///< [owned + 1]
+    // Close list.
+    std::size_t close_size_ = 0;
+    Column<Candidate> candidates_;
+    Column<std::uint32_t> outer_of_; ///< [close] its place in the outer list
+    std::vector<std::uint32_t> close_first_;
+    Column<std::uint32_t> previous_;
+    Column<Reference> references_;
     std::vector<std::uint32_t> reference_start_;
+    // Ghosts as they were when the lists were made.
+    std::vector<std::uint32_t> ghost_owner_;
+    std::vector<Shift> ghost_shift_;
+    // Memory kept for the next time.
+    struct Found {
+        std::uint32_t holder, partner;
+    };
+    std::vector<std::vector<Found>> found_;              ///< by thread
+    std::vector<std::vector<std::uint32_t>> near_;       ///< by thread
+    std::vector<std::vector<std::uint32_t>> class_rows_; ///< by size class
+    std::vector<SortedPoints> points_;                   ///< by size class
+    std::vector<std::uint8_t> class_of_;                 ///< [rows] empty where there is one class
+    Column<std::uint32_t> previous_of_outer_, new_row_, cursor_;
+    Column<std::uint8_t> chosen_;
+    std::vector<std::size_t> counts_;
+    double largest_radius_ = 0;
 };
 
 } // namespace talus::search

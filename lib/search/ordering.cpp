@@ -17,11 +17,11 @@ struct Key {
     bool operator<(const Key& b) const { return std::tie(curve, id) < std::tie(b.curve, b.id); }
 };
 
-template <class Column>
-void permute(std::vector<Column>& column, const std::vector<std::uint32_t>& order, ThreadTeam& team) {
+template <class Vector>
+void permute(Vector& column, const std::vector<std::uint32_t>& order, ThreadTeam& team) {
     if (column.empty())
         return;
-    std::vector<Column> sorted(order.size());
+    Vector sorted(order.size());
     team.for_range(order.size(), [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k)
             sorted[k] = column[order[k]];
@@ -49,7 +49,20 @@ std::vector<std::uint32_t> space_filling_order(const ParticleColumns& p, double 
         std::sort(keys.begin() + static_cast<std::ptrdiff_t>(begin),
                   keys.begin() + static_cast<std::ptrdiff_t>(end));
     });
-    std::sort(keys.begin(), keys.end());
+    // The threads' sorted parts are merged two by two.
+    const auto parts = static_cast<std::size_t>(team.size());
+    const std::size_t part = ThreadTeam::part_size(p.owned, parts);
+    for (std::size_t width = part; width < p.owned; width *= 2) {
+        const std::size_t merges = (p.owned + 2 * width - 1) / (2 * width);
+        team.run([&](int thread) {
+            for (auto m = static_cast<std::size_t>(thread); m < merges; m += parts) {
+                const auto at = [&](std::size_t k) {
+                    return keys.begin() + static_cast<std::ptrdiff_t>(std::min(k, keys.size()));
+                };
+                std::inplace_merge(at(2 * m * width), at((2 * m + 1) * width), at((2 * m + 2) * width));
+            }
+        });
+    }
     std::vector<std::uint32_t> order(p.owned);
     for (std::size_t k = 0; k < p.owned; ++k)
         order[k] = keys[k].row;
@@ -62,8 +75,7 @@ void reorder(ParticleColumns& p, const std::vector<std::uint32_t>& order, Thread
     permute(p.angular_velocity, order, team);
     permute(p.half_kick, order, team);
     permute(p.id, order, team);
-    permute(p.acceleration, order, team);
-    permute(p.angular_acceleration, order, team);
+    permute(p.material, order, team);
     permute(p.species, order, team);
     permute(p.release, order, team);
     permute(p.image, order, team);

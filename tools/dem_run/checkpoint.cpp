@@ -41,6 +41,7 @@ void state_columns(State& s, Each&& each) {
     each("particles/half_angular_velocity", s.half_angular_velocity, double{}, "rad s-1");
     each("particles/acceleration", s.acceleration, double{}, "m s-2");
     each("particles/angular_acceleration", s.angular_acceleration, double{}, "rad s-2");
+    each("particles/damping_load", s.damping_load, float{}, "");
     each("particles/half_kick", s.half_kick, float{}, "");
     each("particles/image", s.image, std::int32_t{}, "");
     each("contacts/pair", s.contact_pair, std::uint64_t{}, "");
@@ -63,6 +64,7 @@ void grain_columns(State& g, Each&& each) {
     each("start/mass", g.mass, double{}, "kg");
     each("start/species", g.species, std::uint8_t{}, "");
     each("start/release", g.release, std::uint8_t{}, "");
+    each("start/material", g.material, std::uint8_t{}, "");
 }
 
 std::int64_t integer(const io::CheckpointFile& file, const std::string& name) {

@@ -30,6 +30,16 @@ SceneSettings::SceneSettings(cli::Settings& s) : settings_(s) {
     s.flag("stress_free_start", scene_.stress_free_start,
            "all forces begin at zero: overlap offsets are set");
 
+    s.choice("contact.law", law_, {"hertz-mindlin", "linear"},
+             "contact law; linear: springs of constant stiffness, dashpots proportional to the effective mass");
+    s.number("contact.normal_stiffness", linear_.normal_stiffness, Unit::stiffness,
+             "of the linear law", cli::not_negative);
+    s.number("contact.tangential_stiffness", linear_.tangential_stiffness, Unit::stiffness,
+             "of the linear law", cli::not_negative);
+    s.number("contact.normal_damping", linear_.normal_damping, Unit::frequency,
+             "of the linear law, per effective mass", cli::not_negative);
+    s.number("contact.tangential_damping", linear_.tangential_damping, Unit::frequency,
+             "of the linear law, per effective mass", cli::not_negative);
     s.choice("contact.separation", separation_, {"tension", "no-tension"},
              "normal force of separating unbonded pairs");
     s.choice("contact.damping", damping_, {"paper", "exact"}, "damping number from the restitution");
@@ -139,9 +149,21 @@ void SceneSettings::check() const {
     if (sleep_tolerance_ != 0)
         settings_.reject("sleep.tolerance",
                          "found a value above 0, expected 0: this version computes every grain");
-    if (precision_ == "mixed")
-        settings_.reject("precision",
-                         "found \"mixed\", expected \"double\": the only precision of this version");
+    const bool linear = law_ == "linear";
+    if (linear && !(linear_.normal_stiffness > 0))
+        settings_.reject("contact.normal_stiffness", "found none above zero, expected the linear law's k_n in N/m");
+    if (linear && scene_.material.friction > 0 && !(linear_.tangential_stiffness > 0))
+        settings_.reject("contact.tangential_stiffness",
+                         "found none above zero, expected the linear law's k_t in N/m: there is friction");
+    if (linear && linear_.tangential_damping > 0 && !(linear_.normal_damping > 0))
+        settings_.reject("contact.tangential_damping",
+                         "found a value above zero without contact.normal_damping, expected both or neither");
+    if (linear && settings_.given("bond"))
+        settings_.reject("contact.law", "found \"linear\" and a bond, expected \"hertz-mindlin\" with bonds");
+    for (const char* key : {"normal_stiffness", "tangential_stiffness", "normal_damping", "tangential_damping"})
+        if (!linear && settings_.given(std::string("contact.") + key))
+            settings_.reject(std::string("contact.") + key,
+                             "found a value, but contact.law is \"hertz-mindlin\", expected it with \"linear\"");
     if (settings_.given("box"))
         for (int k = 0; k < 3; ++k)
             if (!(box_.upper[k] > box_.lower[k]))
@@ -175,6 +197,9 @@ engine::Scene SceneSettings::scene() const {
         scene.damping_rule = contact::DampingRule::exact;
     if (lever_arm_ == "radius")
         scene.lever_arm = contact::LeverArm::radius;
+    if (law_ == "linear")
+        scene.linear_law = linear_;
+    scene.mixed_precision = precision_ == "mixed";
     scene.reference_kernel = kernel_ == "reference";
     for (const auto& w : walls_) {
         Material m = scene.material;

@@ -42,7 +42,8 @@ private:
     BondMaterial bond_;
     Box box_;
     std::optional<double> end_;
-    std::string separation_ = "tension", damping_ = "paper", lever_arm_ = "contact-point",
+    contact::LinearLaw linear_;
+    std::string law_ = "hertz-mindlin", separation_ = "tension", damping_ = "paper", lever_arm_ = "contact-point",
                 precision_ = "double", kernel_ = "specialised";
     double sleep_tolerance_ = 0;
     std::vector<std::unique_ptr<WallText>> walls_;

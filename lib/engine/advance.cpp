@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "engine/advance.hpp"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "engine/advance.cpp"
+#include <hwy/foreach_target.h>
+
+#include "base/simd-inl.hpp"
+
+#include <cmath>
+
+HWY_BEFORE_NAMESPACE();
+namespace talus::engine {
+namespace HWY_NAMESPACE {
+
+using namespace talus::HWY_NAMESPACE;
+
+/// References ahead whose pair forces are prefetched.
+constexpr std::size_t reference_distance = 24;
+
+HWY_INLINE Quad load_record(const Record& r) {
+    return load_quad(&r.x);
+}
+
+template <class Number>
+HWY_INLINE const Number* forces_of(const PairColumns& pairs);
+template <>
+HWY_INLINE const double* forces_of<double>(const PairColumns& pairs) {
+    return pairs.force.data();
+}
+template <>
+HWY_INLINE const float* forces_of<float>(const PairColumns& pairs) {
+    return pairs.force_single.data();
+}
+
+/// No operation here may be fused or reordered: net_of must give the same bits.
+/// `row_of(k)`: the k-th row to be moved. Late rows are added to `out` where `Checked`.
+template <class Number, bool Tangential, bool Checked, class RowOf>
+void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, std::size_t first_pair,
+               std::size_t last_pair, RowOf row_of, Advanced& out) {
+    ParticleColumns& p = work.particles;
+    const std::uint32_t* const start = work.list.reference_start();
+    const search::Reference* const references = work.list.all_references();
+    const std::size_t last_reference = start[p.owned];
+    const Number* const force = forces_of<Number>(work.pairs);
+    constexpr std::size_t stride = Tangential ? 8 : 4;
+    const Quad flip = signs_of_xyz(), none = quad(0);
+    const Quad keep_sign[2] = {none, flip};
+    const double dt = work.step;
+    const Quad step = quad(dt), half = quad(0.5 * dt), zero = quad(0);
+    const Quad gravity = load_record(Record(work.gravity, 0));
+    const Quad rounding = load_record(Record(work.rounding, 0));
+    const Quad viscous = quad(work.viscous_damping);
+    for (std::size_t number = begin; number < end; ++number) {
+        const std::size_t row = row_of(number);
+        if (p.species[row] == Species::fixed)
+            continue;
+        if constexpr (Checked) {
+            std::size_t first = first_pair, last = first_pair;
+            for (std::uint32_t k = start[row]; k < start[row + 1]; ++k) {
+                first = std::min<std::size_t>(first, references[k].candidate());
+                last = std::max<std::size_t>(last, references[k].candidate() + std::size_t{1});
+            }
+            if (first < first_pair || last > last_pair) {
+                out.late.push_back(static_cast<std::uint32_t>(row));
+                continue;
+            }
+        }
+        const Record& x = p.position[row];
+        const Record& v = p.velocity[row];
+        const Record& w = p.angular_velocity[row];
+        Quad sum = zero, couple = zero;
+        for (std::uint32_t k = start[row]; k < start[row + 1]; ++k) {
+            const search::Reference r = references[k];
+            __builtin_prefetch(force + stride * references[std::min<std::size_t>(k + reference_distance,
+                                                                            last_reference - 1)]
+                                               .candidate());
+            const Number* const pair = force + stride * r.candidate();
+            sum = sum + (load_quad(pair) ^ keep_sign[r.is_second()]);
+            if constexpr (Tangential)
+                couple = couple + load_quad(pair + 4);
+        }
+        if (work.walls.any())
+            for (const WallContacts::Entry& e : work.walls.of_row(row)) {
+                sum = sum + load_record(Record(e.force, e.damping));
+                couple = couple + load_record(Record(e.couple, 0));
+            }
+        Quad a = sum * quad(1 / v.w) + gravity;
+        const Quad old_v = load_quad(&v.x);
+        HalfKick& kick = p.half_kick[row];
+        if (work.viscous_damping > 0)
+            a = a - viscous * (old_v + load_quad(&kick.vx));
+        Quad alpha = zero;
+        if constexpr (Tangential) {
+            alpha = couple * quad(x.w / w.w);
+            if (work.viscous_damping > 0)
+                alpha = alpha - viscous * (load_quad(&w.x) + load_quad(&kick.sx) * quad(1 / x.w));
+        }
+        alignas(32) double load[4];
+        store_quad(sum, load);
+        double damping_load = load[3] * dt / v.w;
+        if (!work.given.empty()) {
+            a = load_record(Record(work.given.acceleration[row], 0));
+            alpha = load_record(Record(work.given.angular_acceleration[row], 0));
+            damping_load = work.given.damping_load[row];
+        }
+        const Quad new_v = with_w(old_v + step * a, old_v);
+        store_quad(new_v, &p.velocity[row].x);
+        store_quad(half * a, &kick.vx);
+        kick.damping_load = static_cast<float>(damping_load);
+        if constexpr (Tangential) {
+            const Quad old_w = load_quad(&w.x);
+            store_quad(with_w(old_w + step * alpha, old_w), &p.angular_velocity[row].x);
+            store_quad(half * alpha * quad(x.w), &kick.sx);
+        }
+        const Quad old_x = load_quad(&x.x);
+        store_quad(with_w(old_x + ((step * new_v + rounding) - rounding), old_x), &p.position[row].x);
+
+        const Record& moved = p.velocity[row];
+        const double speed2 = moved.x * moved.x + moved.y * moved.y + moved.z * moved.z;
+        out.largest_speed2 = std::max(out.largest_speed2, speed2);
+        double checked = speed2;
+        if constexpr (Tangential) {
+            const Record& turning = p.angular_velocity[row];
+            checked += std::abs(turning.x) + std::abs(turning.y) + std::abs(turning.z);
+        }
+        out.finite = out.finite && checked < 1e300;
+    }
+}
+
+template <bool Checked, class RowOf>
+void move_any(const AdvanceWork& work, std::size_t begin, std::size_t end, std::size_t first_pair,
+              std::size_t last_pair, RowOf row_of, Advanced& out) {
+    const bool single = !work.pairs.force_single.empty();
+    if (work.tangential)
+        single ? move_rows<float, true, Checked>(work, begin, end, first_pair, last_pair, row_of, out)
+               : move_rows<double, true, Checked>(work, begin, end, first_pair, last_pair, row_of, out);
+    else
+        single ? move_rows<float, false, Checked>(work, begin, end, first_pair, last_pair, row_of, out)
+               : move_rows<double, false, Checked>(work, begin, end, first_pair, last_pair, row_of, out);
+}
+
+void move_range(const AdvanceWork& work, std::size_t begin, std::size_t end, std::size_t first_pair,
+                std::size_t last_pair, Advanced& out) {
+    move_any<true>(work, begin, end, first_pair, last_pair, [](std::size_t k) { return k; }, out);
+}
+
+void move_late(const AdvanceWork& work, Advanced& out) {
+    move_any<false>(
+        work, 0, out.late.size(), 0, 0, [&](std::size_t k) { return out.late[k]; }, out);
+}
+
+} // namespace HWY_NAMESPACE
+} // namespace talus::engine
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace talus::engine {
+
+HWY_EXPORT(move_range);
+HWY_EXPORT(move_late);
+
+void advance(const AdvanceWork& work, std::size_t begin, std::size_t end, std::size_t first_pair,
+             std::size_t last_pair, Advanced& result) {
+    HWY_DYNAMIC_DISPATCH(move_range)(work, begin, end, first_pair, last_pair, result);
+}
+
+void advance_late(const AdvanceWork& work, Advanced& result) {
+    HWY_DYNAMIC_DISPATCH(move_late)(work, result);
+    result.late.clear();
+}
+
+Net net_of(const AdvanceWork& work, std::size_t row) {
+    const ParticleColumns& p = work.particles;
+    if (p.species[row] == Species::fixed)
+        return {};
+    if (!work.given.empty())
+        return {work.given.acceleration[row], work.given.angular_acceleration[row],
+                work.given.damping_load[row]};
+    std::array<double, 8> sum{};
+    for (const search::Reference r : work.list.references(row)) {
+        const std::size_t at = work.pairs.stride * r.candidate();
+        for (std::size_t d = 0; d < work.pairs.stride; ++d) {
+            const double term = work.pairs.force.empty() ? work.pairs.force_single[at + d]
+                                                         : work.pairs.force[at + d];
+            sum[d] += r.is_second() && d < 3 ? -term : term;
+        }
+    }
+    if (work.walls.any())
+        for (const WallContacts::Entry& e : work.walls.of_row(row)) {
+            const std::array<double, 7> term{e.force.x,  e.force.y,  e.force.z, e.damping,
+                                             e.couple.x, e.couple.y, e.couple.z};
+            for (std::size_t d = 0; d < 7; ++d)
+                sum[d] += term[d];
+        }
+    const Record &x = p.position[row], &v = p.velocity[row], &w = p.angular_velocity[row];
+    const HalfKick& kick = p.half_kick[row];
+    Net net{(1 / v.w) * Vec3{sum[0], sum[1], sum[2]} + work.gravity, {}, sum[3] * work.step / v.w};
+    if (work.viscous_damping > 0)
+        net.acceleration -= work.viscous_damping * (v.vec() + kick.velocity());
+    if (work.tangential) {
+        net.angular_acceleration = (x.w / w.w) * Vec3{sum[4], sum[5], sum[6]};
+        if (work.viscous_damping > 0)
+            net.angular_acceleration -= work.viscous_damping * (w.vec() + (1 / x.w) * kick.spin());
+    }
+    return net;
+}
+
+} // namespace talus::engine
+#endif

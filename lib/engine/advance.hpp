@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "engine/pair_kernel.hpp"
+#include "engine/wall_contacts.hpp"
+
+#include <cstdint>
+#include <vector>
+
+namespace talus::engine {
+
+/// What acts on one particle at a full step.
+struct Net {
+    Vec3 acceleration;         ///< m s-2
+    Vec3 angular_acceleration; ///< rad s-2
+    double damping_load = 0;   ///< sum of eta_n dt / m
+};
+
+/// Net of all particles, from elsewhere than their pair forces (a checkpoint), by row.
+struct NetColumns {
+    std::vector<Vec3> acceleration, angular_acceleration;
+    std::vector<float> damping_load;
+    bool empty() const { return acceleration.empty(); }
+};
+
+/// What moving the particles needs.
+struct AdvanceWork {
+    ParticleColumns& particles;
+    const PairColumns& pairs;
+    const search::CandidateList& list;
+    const WallContacts& walls;
+    const NetColumns& given;   ///< used instead of the sums where not empty
+    Vec3 gravity;              ///< m s-2
+    double step;               ///< s
+    double viscous_damping;    ///< 1/s
+    Vec3 rounding;             ///< added and taken off, snaps displacements (parallel/periodic_images.hpp)
+    bool tangential;
+};
+
+/// What came of it, over the rows one thread moved.
+struct Advanced {
+    double largest_speed2 = 0;       ///< m2 s-2
+    bool finite = true;              ///< all velocities are numbers
+    std::vector<std::uint32_t> late; ///< rows that wait for pairs of other threads
+};
+
+/// Sums the forces on rows [begin, end) in the order of their partners' ids and moves these rows from t to t +
+/// step: velocities from half step to half step, positions, and the half kick that predicts velocities at the
+/// new full step (explicit, second order). Rows with pairs outside [first_pair, last_pair), whose forces are not
+/// there yet, are put down as late instead.
+void advance(const AdvanceWork& work, std::size_t begin, std::size_t end, std::size_t first_pair,
+             std::size_t last_pair, Advanced& result);
+/// Moves the late rows.
+void advance_late(const AdvanceWork& work, Advanced& result);
+
+/// The same sum for one row, moving nothing.
+Net net_of(const AdvanceWork& work, std::size_t row);
+
+} // namespace talus::engine

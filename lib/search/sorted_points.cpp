@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "search/sorted_points.hpp"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "search/sorted_points.cpp"
+#include <hwy/foreach_target.h>
+
+#include "base/simd-inl.hpp"
+
+#include <bit>
+
+HWY_BEFORE_NAMESPACE();
+namespace talus::search {
+namespace HWY_NAMESPACE {
+
+using namespace talus::HWY_NAMESPACE;
+
+/// Appends row[k], k in [begin, end), of the spheres with |x - centre| < near + factor * radius.
+void scan(const double* x, const double* y, const double* z, const double* radius, const std::uint32_t* row,
+          std::size_t begin, std::size_t end, const Vec3& centre, double near, double factor,
+          std::vector<std::uint32_t>& out) {
+    const D d;
+    const V cx = hn::Set(d, centre.x), cy = hn::Set(d, centre.y), cz = hn::Set(d, centre.z);
+    const V base = hn::Set(d, near), times = hn::Set(d, factor);
+    for (std::size_t k = begin; k < end; k += lanes) {
+        const V dx = hn::Sub(hn::LoadU(d, x + k), cx), dy = hn::Sub(hn::LoadU(d, y + k), cy),
+                dz = hn::Sub(hn::LoadU(d, z + k), cz);
+        const V reach = hn::Add(base, hn::Mul(times, hn::LoadU(d, radius + k)));
+        const V distance2 = hn::Add(hn::Add(hn::Mul(dx, dx), hn::Mul(dy, dy)), hn::Mul(dz, dz));
+        const M hit = hn::And(hn::Lt(distance2, hn::Mul(reach, reach)), hn::FirstN(d, end - k));
+        for (unsigned bits = bits_of(hit); bits != 0; bits &= bits - 1)
+            out.push_back(row[k + static_cast<std::size_t>(std::countr_zero(bits))]);
+    }
+}
+
+} // namespace HWY_NAMESPACE
+} // namespace talus::search
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace talus::search {
+
+HWY_EXPORT(scan);
+
+void SortedPoints::build(const ParticleColumns& p, std::span<const std::uint32_t> rows, double smallest_cell,
+                         ThreadTeam& team) {
+    constexpr double inf = std::numeric_limits<double>::infinity();
+    const std::size_t n = rows.size();
+    Vec3 lower{inf, inf, inf}, upper{-inf, -inf, -inf};
+    largest_radius_ = 0;
+    for (const std::uint32_t row : rows) {
+        const Record& r = p.position[row];
+        lower = {std::min(lower.x, r.x), std::min(lower.y, r.y), std::min(lower.z, r.z)};
+        upper = {std::max(upper.x, r.x), std::max(upper.y, r.y), std::max(upper.z, r.z)};
+        largest_radius_ = std::max(largest_radius_, r.w);
+    }
+    // At most a few cells per point: they grow where points are sparse.
+    const Vec3 extent = n > 0 ? upper - lower : Vec3{};
+    const double most_cells = 4.0 * static_cast<double>(n) + 64;
+    const auto along = [&](int k, double edge) { return std::max(1.0, std::floor(extent[k] / edge)); };
+    double edge = smallest_cell;
+    while (along(0, edge) * along(1, edge) * along(2, edge) > most_cells)
+        edge *= 1.25;
+    lower_ = n > 0 ? lower : Vec3{};
+    for (int k = 0; k < 3; ++k) {
+        cells_[static_cast<std::size_t>(k)] = static_cast<int>(along(k, edge));
+        inverse_edge_[k] = extent[k] > 0 ? along(k, edge) / extent[k] : 0;
+    }
+
+    const std::size_t cells = index(0, 0, cells_[2]);
+    cell_of_.resize(n);
+    team.for_range(n, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k) {
+            const Record& r = p.position[rows[k]];
+            cell_of_[k] = static_cast<std::uint32_t>(
+                index(cell_along(0, r.x), cell_along(1, r.y), cell_along(2, r.z)));
+        }
+    });
+    start_.assign(cells + 1, 0);
+    for (std::size_t k = 0; k < n; ++k)
+        ++start_[cell_of_[k] + 1];
+    for (std::size_t c = 0; c < cells; ++c)
+        start_[c + 1] += start_[c];
+    fill_ = start_;
+    place_.resize(n);
+    for (std::size_t k = 0; k < n; ++k)
+        place_[k] = fill_[cell_of_[k]]++;
+    for (Column<double>* column : {&x_, &y_, &z_, &radius_}) {
+        column->resize(n + 8);
+        std::fill(column->end() - 8, column->end(), 0.0);
+    }
+    row_.resize(n);
+    team.for_range(n, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k) {
+            const std::uint32_t place = place_[k];
+            const Record& r = p.position[rows[k]];
+            x_[place] = r.x;
+            y_[place] = r.y;
+            z_[place] = r.z;
+            radius_[place] = r.w;
+            row_[place] = rows[k];
+        }
+    });
+}
+
+void SortedPoints::near(const Vec3& centre, double reach, double near, double factor,
+                        std::vector<std::uint32_t>& out) const {
+    if (row_.empty())
+        return;
+    const auto scan_rows = HWY_DYNAMIC_DISPATCH(scan);
+    const int x0 = cell_along(0, centre.x - reach), x1 = cell_along(0, centre.x + reach);
+    const int y0 = cell_along(1, centre.y - reach), y1 = cell_along(1, centre.y + reach);
+    const int z0 = cell_along(2, centre.z - reach), z1 = cell_along(2, centre.z + reach);
+    for (int z = z0; z <= z1; ++z)
+        for (int y = y0; y <= y1; ++y)
+            scan_rows(x_.data(), y_.data(), z_.data(), radius_.data(), row_.data(), start_[index(x0, y, z)],
+                      start_[index(x1, y, z) + 1], centre, near, factor, out);
+}
+
+std::size_t SortedPoints::memory() const {
+    return (x_.capacity() + y_.capacity() + z_.capacity() + radius_.capacity()) * sizeof(double) +
+           (row_.capacity() + cell_of_.capacity() + place_.capacity() + start_.capacity() + fill_.capacity()) *
+               sizeof(std::uint32_t);
+}
+
+} // namespace talus::search
+#endif

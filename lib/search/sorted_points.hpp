@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+#include "base/aligned.hpp"
+#include "base/thread_team.hpp"
+#include "particles/columns.hpp"
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace talus::search {
+
+/// Spheres copied cell by cell into columns of their own, so that a neighbour search reads memory in order and
+/// tests several at a time. Memory is reused from build to build.
+class SortedPoints {
+public:
+    /// Sorts these rows of `p` into cells at least `smallest_cell` (m) wide.
+    void build(const ParticleColumns& p, std::span<const std::uint32_t> rows, double smallest_cell,
+               ThreadTeam& team);
+
+    std::size_t size() const { return row_.size(); }
+    double largest_radius() const { return largest_radius_; }
+    /// Appends the rows with |x - centre| < near + factor * radius to `out`; `reach` (m) is at least that.
+    void near(const Vec3& centre, double reach, double near, double factor,
+              std::vector<std::uint32_t>& out) const;
+    std::size_t memory() const;
+
+private:
+    int cell_along(int k, double x) const {
+        const double f = (x - lower_[k]) * inverse_edge_[k];
+        const int last = cells_[static_cast<std::size_t>(k)] - 1;
+        return f <= 0 ? 0 : (f >= last ? last : static_cast<int>(f));
+    }
+    std::size_t index(int x, int y, int z) const {
+        return (static_cast<std::size_t>(z) * static_cast<std::size_t>(cells_[1]) +
+                static_cast<std::size_t>(y)) *
+                   static_cast<std::size_t>(cells_[0]) +
+               static_cast<std::size_t>(x);
+    }
+
+    Vec3 lower_, inverse_edge_;
+    std::array<int, 3> cells_{1, 1, 1};
+    double largest_radius_ = 0;
+    Column<double> x_, y_, z_, radius_; ///< in cell order, a vector longer than there are points
+    Column<std::uint32_t> row_, cell_of_, place_;
+    std::vector<std::uint32_t> start_, fill_;
+};
+
+} // namespace talus::search

@@ -62,7 +62,7 @@ struct Force {
 /// sheared contacts does not, and its noise would grow from step to step. With friction, spin couples to all
 /// dashpots: lower.
 template <class F>
-constexpr double largest_damping_load = F::tangential ? 0.15 : 0.4;
+constexpr double largest_damping_load = F::tangential ? 0.12 : 0.4;
 
 /// Share of a pair's dashpot that may act, from the loads of its two particles.
 template <class F>

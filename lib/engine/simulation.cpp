@@ -405,7 +405,8 @@ void Simulation::adapt_skins(bool outer) {
 }
 
 search::CandidateList::Live Simulation::live() const {
-    return {{pairs_.state.data(), list_.size()}, contact::contact_active | contact::bond_intact};
+    return {{pairs_.state.data(), list_.size()}, contact::contact_active | contact::bond_intact,
+            contact::bond_intact};
 }
 
 void Simulation::rebuild() {
@@ -433,7 +434,7 @@ void Simulation::rebuild() {
                                            order, wrapped, live(), team_);
     if (lost > 0)
         throw Error(ExitCode::run_failed,
-                    fmt::format("{} bonds or contacts were stretched beyond the candidate list at step {}: take "
+                    fmt::format("{} bonds were stretched beyond the candidate list at step {}: take "
                                 "a smaller time.step",
                                 lost, step_));
     pairs_.reorder(list_.previous(), kernel_.traits, team_);

@@ -37,7 +37,6 @@ struct alignas(32) HalfKick {
     Vec3 spin() const { return {sx, sy, sz}; }
 };
 
-
 /// The engine's particles, column by column. Rows [0, owned) are this domain's own, in a space-filling order;
 /// rows [owned, size) are ghosts: periodic images (later also copies from other ranks) of owned rows.
 struct ParticleColumns {

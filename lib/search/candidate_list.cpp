@@ -157,10 +157,10 @@ std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::
                 o = in_row(i, j, image);
             if (o == no_candidate && moves(p, j))
                 o = in_row(j, i, Shift{} - image);
-            if (o == no_candidate)
-                lost.fetch_add(1, std::memory_order_relaxed);
-            else
+            if (o != no_candidate)
                 previous_of_outer_[o] = static_cast<std::uint32_t>(k);
+            else if (live.state[k] & live.bound)
+                lost.fetch_add(1, std::memory_order_relaxed);
         }
     });
     return lost;

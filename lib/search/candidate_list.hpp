@@ -43,10 +43,11 @@ public:
     /// Candidates that vector code may read beyond the last one (repetitions of it).
     static constexpr std::size_t padding = 16;
 
-    /// Pairs whose history must not be lost: those of the present close list with state & mask.
+    /// Which pairs of the present close list carry history: those with state & mask. Those with state & bound may
+    /// not go beyond the outer list's reach; the others have parted where they do.
     struct Live {
         std::span<const std::uint8_t> state;
-        std::uint8_t mask = 0xff;
+        std::uint8_t mask = 0xff, bound = 0;
     };
 
     /// Makes both lists: outer pairs have distance < (ri + rj) factor + margin, close ones distance < (ri + rj)
@@ -56,7 +57,7 @@ public:
     /// @param p         columns, sorted, with ghosts reaching at least the largest cutoff beyond owned rows
     /// @param old_row   [owned] row each owned particle had in the list before; empty at the first build
     /// @param wrapped   [owned] box lengths taken off each owned particle since then
-    /// @returns number of live pairs that are beyond the outer list's reach: their history is lost
+    /// @returns number of bound pairs that are beyond the outer list's reach: their history is lost
     std::size_t rebuild(const ParticleColumns& p, double factor, double margin, double close_factor,
                         double close_margin, std::span<const std::uint32_t> old_row,
                         std::span<const std::array<std::int8_t, 3>> wrapped, Live live, ThreadTeam& team);

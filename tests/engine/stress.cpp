@@ -749,11 +749,11 @@ TEST(StressNumbers, NotANumberIsFoundWhereverTheParticleStands) {
         SavedState state = s.save();
         state.half_velocity[wrong].x = not_a_number;
         expect_error(fmt::format("lone particle {} of 4 with a velocity not a number", wrong),
-                     "found within 1 step", error_of([&] {
+                     "found before a step is done", error_of([&] {
                          s.restore(state);
                          s.step();
                      }),
-                     ExitCode::run_failed, {fmt::format("particle {}", wrong)});
+                     ExitCode::input_invalid, {fmt::format("particle {}", wrong)});
     }
 }
 

@@ -15,9 +15,6 @@ namespace HWY_NAMESPACE {
 
 using namespace talus::HWY_NAMESPACE;
 
-/// References ahead whose pair forces are prefetched.
-constexpr std::size_t reference_distance = 24;
-
 HWY_INLINE Quad load_record(const Record& r) {
     return load_quad(&r.x);
 }
@@ -33,6 +30,45 @@ HWY_INLINE const float* forces_of<float>(const PairColumns& pairs) {
     return pairs.force_single.data();
 }
 
+/// References ahead whose pair forces are prefetched: a few particles.
+constexpr std::size_t reference_distance = search::CandidateList::padding;
+
+/// Sum of the records of a particle's pairs; the force of a pair acts on its second particle with the other sign.
+template <class Number, bool Tangential>
+class Sums {
+public:
+    HWY_INLINE Sums() : both_(hn::Zero(D{})), force_(quad(0)), couple_(quad(0)) {}
+    HWY_INLINE void add(const Number* record, bool second) {
+        static constexpr std::uint64_t minus = std::uint64_t{1} << 63;
+        alignas(64) static constexpr std::uint64_t signs[2][8] = {{}, {minus, minus, minus}};
+        const auto* sign = reinterpret_cast<const double*>(signs[second]);
+        if constexpr (whole) {
+            const D d;
+            if constexpr (sizeof(Number) == 8)
+                both_ = hn::Add(both_, hn::Xor(hn::Load(d, record), hn::Load(d, sign)));
+            else
+                both_ = hn::Add(both_, hn::Xor(hn::PromoteTo(d, hn::Load(hn::Rebind<float, D>(), record)),
+                                               hn::Load(d, sign)));
+        } else {
+            force_ = force_ + (load_quad(record) ^ load_quad(sign));
+            if constexpr (Tangential)
+                couple_ = couple_ + load_quad(record + 4);
+        }
+    }
+#if HWY_MAX_BYTES >= 64
+    HWY_INLINE Quad force() const { return whole ? Quad{hn::LowerHalf(Q{}, both_)} : force_; }
+    HWY_INLINE Quad couple() const { return whole ? Quad{hn::UpperHalf(Q{}, both_)} : couple_; }
+#else
+    HWY_INLINE Quad force() const { return force_; }
+    HWY_INLINE Quad couple() const { return couple_; }
+#endif
+
+private:
+    static constexpr bool whole = Tangential && lanes == 8; ///< a record fills one register
+    V both_;
+    Quad force_, couple_;
+};
+
 /// No operation here may be fused or reordered: net_of must give the same bits.
 /// `row_of(k)`: the k-th row to be moved. Late rows are added to `out` where `Checked`.
 template <class Number, bool Tangential, bool Checked, class RowOf>
@@ -41,45 +77,40 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, std:
     ParticleColumns& p = work.particles;
     const std::uint32_t* const start = work.list.reference_start();
     const search::Reference* const references = work.list.all_references();
-    const std::size_t last_reference = start[p.owned];
     const Number* const force = forces_of<Number>(work.pairs);
     constexpr std::size_t stride = Tangential ? 8 : 4;
-    const Quad flip = signs_of_xyz(), none = quad(0);
-    const Quad keep_sign[2] = {none, flip};
     const double dt = work.step;
     const Quad step = quad(dt), half = quad(0.5 * dt), zero = quad(0);
     const Quad gravity = load_record(Record(work.gravity, 0));
     const Quad rounding = load_record(Record(work.rounding, 0));
     const Quad viscous = quad(work.viscous_damping);
+    double largest_speed2 = 0, largest_use2 = 0;
+    bool finite = true;
     for (std::size_t number = begin; number < end; ++number) {
         const std::size_t row = row_of(number);
         if (p.species[row] == Species::fixed)
             continue;
-        if constexpr (Checked) {
-            std::size_t first = first_pair, last = first_pair;
-            for (std::uint32_t k = start[row]; k < start[row + 1]; ++k) {
-                first = std::min<std::size_t>(first, references[k].candidate());
-                last = std::max<std::size_t>(last, references[k].candidate() + std::size_t{1});
-            }
-            if (first < first_pair || last > last_pair) {
-                out.late.push_back(static_cast<std::uint32_t>(row));
-                continue;
-            }
-        }
         const Record& x = p.position[row];
         const Record& v = p.velocity[row];
         const Record& w = p.angular_velocity[row];
-        Quad sum = zero, couple = zero;
-        for (std::uint32_t k = start[row]; k < start[row + 1]; ++k) {
+        Sums<Number, Tangential> sums;
+        std::uint32_t first = ~std::uint32_t{0}, last = 0;
+        const std::uint32_t end_of_row = start[row + 1];
+        for (std::uint32_t k = start[row]; k < end_of_row; ++k) {
             const search::Reference r = references[k];
-            __builtin_prefetch(force + stride * references[std::min<std::size_t>(k + reference_distance,
-                                                                            last_reference - 1)]
-                                               .candidate());
-            const Number* const pair = force + stride * r.candidate();
-            sum = sum + (load_quad(pair) ^ keep_sign[r.is_second()]);
-            if constexpr (Tangential)
-                couple = couple + load_quad(pair + 4);
+            const std::uint32_t pair = r.candidate();
+            first = std::min(first, pair);
+            last = std::max(last, pair);
+            sums.add(force + stride * pair, r.is_second());
         }
+        if constexpr (Checked)
+            if (last >= last_pair || first < first_pair) {
+                if (end_of_row > start[row]) {
+                    out.late.push_back(static_cast<std::uint32_t>(row));
+                    continue;
+                }
+            }
+        Quad sum = sums.force(), couple = sums.couple();
         if (work.walls.any())
             for (const WallContacts::Entry& e : work.walls.of_row(row)) {
                 sum = sum + load_record(Record(e.force, e.damping));
@@ -118,14 +149,19 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, std:
 
         const Record& moved = p.velocity[row];
         const double speed2 = moved.x * moved.x + moved.y * moved.y + moved.z * moved.z;
-        out.largest_speed2 = std::max(out.largest_speed2, speed2);
+        const double share = work.share[row];
+        largest_speed2 = std::max(largest_speed2, speed2);
+        largest_use2 = std::max(largest_use2, speed2 / (share * share));
         double checked = speed2;
         if constexpr (Tangential) {
             const Record& turning = p.angular_velocity[row];
             checked += std::abs(turning.x) + std::abs(turning.y) + std::abs(turning.z);
         }
-        out.finite = out.finite && checked < 1e300;
+        finite = finite && checked < 1e300;
     }
+    out.largest_speed2 = std::max(out.largest_speed2, largest_speed2);
+    out.largest_use2 = std::max(out.largest_use2, largest_use2);
+    out.finite = out.finite && finite;
 }
 
 template <bool Checked, class RowOf>

@@ -34,11 +34,13 @@ struct AdvanceWork {
     double viscous_damping;    ///< 1/s
     Vec3 rounding;             ///< added and taken off, snaps displacements (parallel/periodic_images.hpp)
     bool tangential;
+    const float* share;        ///< [owned] m, each particle's share of the close list's skin
 };
 
 /// What came of it, over the rows one thread moved.
 struct Advanced {
     double largest_speed2 = 0;       ///< m2 s-2
+    double largest_use2 = 0;         ///< (speed / share)^2, s-2
     bool finite = true;              ///< all velocities are numbers
     std::vector<std::uint32_t> late; ///< rows that wait for pairs of other threads
 };

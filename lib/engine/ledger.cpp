@@ -220,7 +220,7 @@ std::size_t Simulation::memory() const {
     const ParticleColumns& p = particles_;
     return bytes(p.position) + bytes(p.velocity) + bytes(p.angular_velocity) + bytes(p.half_kick) +
            bytes(p.id) + bytes(p.material) + bytes(p.species) + bytes(p.release) + bytes(p.image) +
-           bytes(p.ghost_owner) + bytes(p.ghost_shift) + pairs_.memory() + bytes(listed_position_) +
+           bytes(p.ghost_owner) + bytes(p.ghost_shift) + pairs_.memory() + bytes(listed_position_) + bytes(refreshed_) +
            list_.memory();
 }
 

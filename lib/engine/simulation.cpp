@@ -2,13 +2,11 @@
 #include "engine/simulation.hpp"
 
 #include "base/error.hpp"
-#include "search/ordering.hpp"
 
 #include <algorithm>
 #include <fmt/format.h>
 #include <limits>
 #include <numbers>
-#include <numeric>
 #include <optional>
 
 namespace talus::engine {
@@ -18,14 +16,8 @@ namespace {
 /// Pairs are cut among threads in multiples of this.
 constexpr std::size_t pair_block = 64;
 
-/// Pairs whose forces are computed before the particles they complete are moved: 16 kB of forces.
-constexpr std::size_t sweep_block = 256;
-
-/// Particles are put back into space-filling order with every so many lists: neighbours drift apart slowly.
-constexpr std::size_t rebuilds_per_reorder = 10;
-
-/// Skin of the close list at the start, of the largest radius.
-constexpr double first_close_skin = 0.03;
+/// Least share of a particle in the close list's skin at the start, of the largest radius.
+constexpr double first_close_skin = 0.01;
 
 /// No particle may move further in one step than this part of the smallest radius: it could pass another
 /// unseen.
@@ -71,7 +63,7 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
                 std::max(bond_reach_, contact::bond_reach_per_radius(c) * largest_radius_ / 2);
     }
     skin_ = scene.skin * largest_radius_;
-    close_skin_ = std::min(first_close_skin * largest_radius_, 0.4 * skin_);
+    close_skin_ = first_close_skin * largest_radius_;
     const double reach = 2 * largest_radius_ * reach_factor_ + bond_reach_ + skin_;
     for (int k = 0; k < 3; ++k)
         if (images_.box().periodic[static_cast<std::size_t>(k)] && images_.box().lengths()[k] < reach)
@@ -91,7 +83,6 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
     tallies_.assign(static_cast<std::size_t>(team.size()),
                     {ExactSum(scale), ExactSum(scale), ExactSum(scale), 0, {}});
     advanced_.resize(static_cast<std::size_t>(team.size()));
-    thread_displacement_.resize(static_cast<std::size_t>(team.size()));
 
     rebuild();
     set_initial_contacts();
@@ -254,7 +245,7 @@ void Simulation::evaluate() {
 
 AdvanceWork Simulation::advance_work() {
     return {particles_, pairs_, list_, walls_, restored_, scene_.gravity, time_step_.step, viscous_damping_,
-            images_.rounding(), kernel_.traits.tangential};
+            images_.rounding(), kernel_.traits.tangential, share_.data()};
 }
 
 Net Simulation::net(std::size_t row) const {
@@ -286,15 +277,13 @@ void Simulation::sweep() {
             for (std::size_t k = begin; k < end; k += sweep_block) {
                 const std::size_t done = std::min(k + sweep_block, end);
                 kernel_.run(pairs, k, done, tallies_[static_cast<std::size_t>(thread)]);
-                const std::size_t ready = std::min(list_.row_at(done + 1) - 1, last_row);
-                if (ready > row) {
-                    advance(work, row, ready, begin, done, result);
-                    row = ready;
-                }
+                const std::size_t ready = std::clamp(complete_rows_[done / sweep_block], row, last_row);
+                advance(work, row, ready, begin, done, result);
+                row = ready;
             }
             advance(work, row, last_row, begin, end, result);
         },
-        pair_block);
+        sweep_block);
     team_.for_parts(advanced_.size(), particles_.owned,
                     [&](std::size_t begin, std::size_t end, bool, int) {
                         for (std::size_t k = begin; k < end; ++k)
@@ -307,18 +296,18 @@ void Simulation::sweep() {
 void Simulation::finish_move() {
     const double dt = time_step_.step;
     walls_.move(dt);
-    double speed2 = 0;
+    double speed2 = 0, use2 = 0;
     bool finite = true;
     for (Advanced& part : advanced_) {
         speed2 = std::max(speed2, part.largest_speed2);
+        use2 = std::max(use2, part.largest_use2);
         finite = finite && part.finite;
-        part.largest_speed2 = 0;
+        part.largest_speed2 = part.largest_use2 = 0;
         part.finite = true;
     }
-    const double moved = dt * std::sqrt(speed2);
-    if (!finite || moved > longest_move * smallest_radius_)
+    if (!finite || dt * std::sqrt(speed2) > longest_move * smallest_radius_)
         stop_at_bad_particle();
-    travelled_ += moved;
+    used_ += dt * std::sqrt(use2);
     wall_travel_ += dt * walls_.fastest();
 }
 
@@ -352,107 +341,6 @@ void Simulation::stop_at_bad_particle() const {
                     "{:.4g} m/s) and could pass others unseen, {}: take a smaller time.step",
                     p.id[fastest], time_step_.step * most / smallest_radius_, step_ + 1, time(), most,
                     near_particles(fastest)));
-}
-
-double Simulation::largest_displacement() {
-    std::fill(thread_displacement_.begin(), thread_displacement_.end(), 0.0);
-    team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int thread) {
-        double largest2 = 0;
-        for (std::size_t row = begin; row < end; ++row)
-            largest2 = std::max(largest2, norm2(particles_.position[row].vec() - listed_position_[row]));
-        thread_displacement_[static_cast<std::size_t>(thread)] = std::sqrt(largest2);
-    });
-    return *std::max_element(thread_displacement_.begin(), thread_displacement_.end());
-}
-
-/// The close list holds while two particles cannot have come nearer by its skin; the outer list has to hold
-/// until the close list is made the next time.
-void Simulation::keep_lists_valid() {
-    if (2 * travelled_ <= close_skin_ && displaced_ + travelled_ + wall_travel_ <= skin_) {
-        images_.update_ghosts(particles_, team_);
-        return;
-    }
-    displaced_ = largest_displacement();
-    if (2 * displaced_ + close_skin_ > skin_ || displaced_ + close_skin_ / 2 + wall_travel_ > skin_) {
-        rebuild();
-    } else {
-        images_.update_ghosts(particles_, team_);
-        refresh();
-    }
-}
-
-/// Takes wider skins where lists last a few steps only (flow) and narrower ones where they last long (rest).
-/// What the forces are does not depend on them.
-void Simulation::adapt_skins(bool outer) {
-    const auto adapt = [&](double skin, std::int64_t lasted, std::int64_t least, std::int64_t most) {
-        return lasted < least ? 1.25 * skin : (lasted > most ? 0.8 * skin : skin);
-    };
-    if (refreshes_ > 0)
-        close_skin_ = adapt(close_skin_, step_ - last_refresh_, 8, 40);
-    last_refresh_ = step_;
-    if (outer) {
-        if (rebuilds_ > 0)
-            skin_ = adapt(skin_, step_ - last_rebuild_, 60, 400);
-        last_rebuild_ = step_;
-        skin_ = std::clamp(skin_, 0.5 * scene_.skin * largest_radius_, 4 * scene_.skin * largest_radius_);
-        for (int k = 0; k < 3; ++k)
-            if (images_.box().periodic[static_cast<std::size_t>(k)])
-                skin_ = std::min(skin_, images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ -
-                                            bond_reach_);
-    }
-    close_skin_ = std::clamp(close_skin_, 0.005 * largest_radius_, 0.4 * skin_);
-    close_skin_ = std::min(close_skin_, skin_);
-}
-
-search::CandidateList::Live Simulation::live() const {
-    return {{pairs_.state.data(), list_.size()}, contact::contact_active | contact::bond_intact,
-            contact::bond_intact};
-}
-
-void Simulation::rebuild() {
-    ParticleColumns& p = particles_;
-    const bool first = rebuilds_ == 0;
-    adapt_skins(true);
-    std::vector<std::array<std::int8_t, 3>> wrapped;
-    images_.wrap(p, wrapped);
-    std::vector<std::uint32_t> order;
-    if (rebuilds_ % rebuilds_per_reorder == 0) {
-        order = search::space_filling_order(p, 2.5 * mean_radius_, team_);
-        search::reorder(p, order, team_);
-        const auto before = wrapped;
-        for (std::size_t row = 0; row < p.owned; ++row)
-            wrapped[row] = before[order[row]];
-    } else {
-        order.resize(p.owned);
-        std::iota(order.begin(), order.end(), 0u);
-    }
-    const double margin = skin_ + bond_reach_;
-    images_.make_ghosts(p, 2 * largest_radius_ * reach_factor_ + margin);
-    if (first)
-        order.clear();
-    const std::size_t lost = list_.rebuild(p, reach_factor_, margin, first ? reach_factor_ : 1, close_skin_,
-                                           order, wrapped, live(), team_);
-    if (lost > 0)
-        throw Error(ExitCode::run_failed,
-                    fmt::format("{} bonds were stretched beyond the candidate list at step {}: take "
-                                "a smaller time.step",
-                                lost, step_));
-    pairs_.reorder(list_.previous(), kernel_.traits, team_);
-    walls_.rebuild(p, skin_, order);
-    listed_position_.resize(p.owned);
-    for (std::size_t row = 0; row < p.owned; ++row)
-        listed_position_[row] = p.position[row].vec();
-    displaced_ = travelled_ = wall_travel_ = 0;
-    ++rebuilds_;
-    ++refreshes_;
-}
-
-void Simulation::refresh() {
-    adapt_skins(false);
-    list_.refresh(particles_, close_skin_, live(), team_);
-    pairs_.reorder(list_.previous(), kernel_.traits, team_);
-    travelled_ = 0;
-    ++refreshes_;
 }
 
 void Simulation::begin_forces(double history_step) {

@@ -121,6 +121,9 @@ public:
     void restore(const SavedState& state);
 
 private:
+    /// Pairs whose forces are computed before the particles they complete are moved: 16 kB of forces.
+    static constexpr std::size_t sweep_block = 256;
+
     void load(const Grains& grains);
     void make_constants();
     void set_initial_contacts();
@@ -134,10 +137,16 @@ private:
     void finish_move();
     std::size_t count_bonds() const;
     void keep_lists_valid();
-    double largest_displacement();
+    struct Displacement {
+        double outer = 0; ///< m, since the outer list was made
+        double used = 0;  ///< of a particle's share of the close skin
+    };
+    Displacement largest_displacement();
+    void set_shares();
+    void take_close_list();
     void adapt_skins(bool outer);
     void rebuild();
-    void refresh();
+    void refresh(double displaced);
     search::CandidateList::Live live() const;
     void compute_forces(double history_step);
     AdvanceWork advance_work();
@@ -165,17 +174,19 @@ private:
 
     std::int64_t step_ = 0, last_rebuild_ = 0, last_refresh_ = 0;
     double reach_factor_ = 1, bond_reach_ = 0, largest_radius_ = 0, smallest_radius_ = 0, mean_radius_ = 0;
-    double skin_ = 0, close_skin_ = 0; ///< m
-    double travelled_ = 0;   ///< m, the furthest anybody can have moved since the close list was made
-    double displaced_ = 0;   ///< m, the furthest anybody had moved then since the outer list was made
+    double skin_ = 0, close_skin_ = 0; ///< m; of the close one the least share of a particle
+    double used_ = 0;        ///< the largest part of his share that anybody can have used up
+    double displaced_ = 0;   ///< m, the furthest anybody had moved since the outer list when the close one was made
     double wall_travel_ = 0; ///< m, the same of walls
     double viscous_damping_ = 0;
     bool current_ = false; ///< the forces are those at the present time
     std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, refreshes_ = 0, intact_bonds_ = 0;
     std::vector<Vec3> listed_position_; ///< positions when the outer list was made
+    std::vector<std::array<float, 3>> refreshed_; ///< displacements since then when the close list was made
+    std::vector<float> share_; ///< m, by which a particle may move before the close list is made anew
+    std::vector<std::size_t> complete_rows_; ///< rows whose pairs all stand before the k-th block of pairs
     NetColumns restored_;               ///< what acts at the full step, where a checkpoint says it
     std::vector<Advanced> advanced_;    ///< by thread
-    std::vector<double> thread_displacement_;
     std::vector<Tally> tallies_;
     std::vector<BondBreak> breaks_;
     /// Powers (W) integrated by the trapezoidal rule, and one energy (J) lost in jumps.

@@ -118,12 +118,11 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
             const search::Candidate next =
                 work.candidates.data()[std::min(k + prefetch_distance + l, work.candidates.size() - 1)];
             for (const std::uint32_t row : {next.i, next.j}) {
-                __builtin_prefetch(position + row);
-                __builtin_prefetch(velocity + row);
-                if constexpr (F::tangential)
-                    __builtin_prefetch(angular_velocity + row);
-                __builtin_prefetch(half_kick + row);
-            }
+            __builtin_prefetch(position + row);
+            __builtin_prefetch(velocity + row);
+            if constexpr (F::tangential)
+                __builtin_prefetch(angular_velocity + row);
+            __builtin_prefetch(half_kick + row); }
         }
         std::array<Quad, lanes> quads, products;
         for (std::size_t l = 0; l < lanes; ++l) {

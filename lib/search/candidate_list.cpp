@@ -167,28 +167,29 @@ std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::
 }
 
 std::size_t CandidateList::rebuild(const ParticleColumns& p, double factor, double margin, double close_factor,
-                                   double close_margin, std::span<const std::uint32_t> old_row,
+                                   std::span<const float> share, std::span<const std::uint32_t> old_row,
                                    std::span<const Shift> wrapped, Live live, ThreadTeam& team) {
     find(p, factor, margin, team);
     previous_of_outer_.assign(holder_.size(), no_candidate);
     const std::size_t lost = old_row.empty() ? 0 : match(p, old_row, wrapped, live, team);
     ghost_owner_ = p.ghost_owner;
     ghost_shift_ = p.ghost_shift;
-    select(p, close_factor, close_margin, team);
+    select(p, close_factor, share, team);
     return lost;
 }
 
-void CandidateList::refresh(const ParticleColumns& p, double close_margin, Live live, ThreadTeam& team) {
+void CandidateList::refresh(const ParticleColumns& p, std::span<const float> share, Live live, ThreadTeam& team) {
     previous_of_outer_.assign(holder_.size(), no_candidate);
     team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k)
             if (live.state[k] & live.mask)
                 previous_of_outer_[outer_of_[k]] = static_cast<std::uint32_t>(k);
     });
-    select(p, 1, close_margin, team);
+    select(p, 1, share, team);
 }
 
-void CandidateList::select(const ParticleColumns& p, double factor, double margin, ThreadTeam& team) {
+void CandidateList::select(const ParticleColumns& p, double factor, std::span<const float> share,
+                           ThreadTeam& team) {
     const std::size_t outer = holder_.size();
     const auto threads = static_cast<std::size_t>(team.size());
     chosen_.resize(outer);
@@ -198,7 +199,8 @@ void CandidateList::select(const ParticleColumns& p, double factor, double margi
         for (std::size_t o = begin; o < end; ++o) {
             const Record a = p.position[holder_[o]], b = p.position[partner_[o]];
             const double dx = b.x - a.x, dy = b.y - a.y, dz = b.z - a.z;
-            const double reach = (a.w + b.w) * factor + margin;
+            const double reach =
+                (a.w + b.w) * factor + (share[holder_[o]] + share[p.owner(partner_[o])]) * (1 + 1e-6);
             const bool close = dx * dx + dy * dy + dz * dz < reach * reach;
             chosen_[o] = close || previous_of_outer_[o] != no_candidate;
             count += chosen_[o];
@@ -248,7 +250,8 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
                 add(reference_start_[row + 1], shared);
     });
     std::partial_sum(reference_start_.begin(), reference_start_.end(), reference_start_.begin());
-    references_.resize(reference_start_[p.owned]);
+    references_.resize(reference_start_[p.owned] + padding);
+    std::fill(references_.end() - padding, references_.end(), Reference{0});
     cursor_.resize(p.owned);
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {

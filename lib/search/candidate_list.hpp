@@ -41,7 +41,7 @@ constexpr std::uint32_t no_candidate = ~std::uint32_t{0};
 class CandidateList {
 public:
     /// Candidates that vector code may read beyond the last one (repetitions of it).
-    static constexpr std::size_t padding = 16;
+    static constexpr std::size_t padding = 32;
 
     /// Which pairs of the present close list carry history: those with state & mask. Those with state & bound may
     /// not go beyond the outer list's reach; the others have parted where they do.
@@ -51,18 +51,19 @@ public:
     };
 
     /// Makes both lists: outer pairs have distance < (ri + rj) factor + margin, close ones distance < (ri + rj)
-    /// close_factor + close_margin. Afterwards `previous()[k]` tells where close pair k stood before, or
+    /// close_factor + share_i + share_j. Afterwards `previous()[k]` tells where close pair k stood before, or
     /// `no_candidate` for pairs that were not there or not live.
     ///
     /// @param p         columns, sorted, with ghosts reaching at least the largest cutoff beyond owned rows
+    /// @param share     [owned] m, what each particle may move before the close list is made anew
     /// @param old_row   [owned] row each owned particle had in the list before; empty at the first build
     /// @param wrapped   [owned] box lengths taken off each owned particle since then
     /// @returns number of bound pairs that are beyond the outer list's reach: their history is lost
     std::size_t rebuild(const ParticleColumns& p, double factor, double margin, double close_factor,
-                        double close_margin, std::span<const std::uint32_t> old_row,
+                        std::span<const float> share, std::span<const std::uint32_t> old_row,
                         std::span<const std::array<std::int8_t, 3>> wrapped, Live live, ThreadTeam& team);
     /// Makes the close list anew from the outer one.
-    void refresh(const ParticleColumns& p, double close_margin, Live live, ThreadTeam& team);
+    void refresh(const ParticleColumns& p, std::span<const float> share, Live live, ThreadTeam& team);
 
     std::size_t size() const { return close_size_; }
     std::span<const Candidate> candidates() const { return {candidates_.data(), close_size_}; }
@@ -74,13 +75,20 @@ public:
         return static_cast<std::size_t>(
             std::lower_bound(close_first_.begin(), close_first_.end(), pair) - close_first_.begin());
     }
+    /// Number of rows whose pairs all stand before this close pair.
+    std::size_t rows_before(std::size_t pair) const {
+        return static_cast<std::size_t>(
+                   std::upper_bound(close_first_.begin(), close_first_.end(), pair) - close_first_.begin()) -
+               1;
+    }
     /// The row that would hold this pair.
     std::uint32_t holder(const ParticleColumns& p, std::uint32_t i, std::uint32_t j) const;
     std::span<const Reference> references(std::size_t row) const {
         return {references_.data() + reference_start_[row],
                 reference_start_[row + 1] - reference_start_[row]};
     }
-    /// The tables of all rows, for loops that walk them in order: row's is [start[row], start[row + 1]).
+    /// The tables of all rows, for loops that walk them in order: row's is [start[row], start[row + 1]). Followed
+    /// by padding.
     const Reference* all_references() const { return references_.data(); }
     const std::uint32_t* reference_start() const { return reference_start_.data(); }
     std::size_t outer_size() const { return holder_.size(); }
@@ -91,7 +99,7 @@ private:
     void find(const ParticleColumns& p, double factor, double margin, ThreadTeam& team);
     std::size_t match(const ParticleColumns& p, std::span<const std::uint32_t> old_row,
                       std::span<const Shift> wrapped, Live live, ThreadTeam& team);
-    void select(const ParticleColumns& p, double factor, double margin, ThreadTeam& team);
+    void select(const ParticleColumns& p, double factor, std::span<const float> share, ThreadTeam& team);
     void build_references(const ParticleColumns& p, ThreadTeam& team);
 
     // Outer list.

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+/// The simulation's lists of near pairs: when they hold, when and how they are made anew.
+#include "base/error.hpp"
+#include "engine/simulation.hpp"
+#include "search/ordering.hpp"
+
+#include <algorithm>
+#include <fmt/format.h>
+#include <numeric>
+
+namespace talus::engine {
+
+namespace {
+
+/// Particles are put back into space-filling order with every so many lists: neighbours drift apart slowly.
+constexpr std::size_t rebuilds_per_reorder = 10;
+
+/// A list is kept on where really no more than this part of its skin is used up.
+constexpr double worn_out = 0.7;
+
+/// Steps that a particle's share of the close skin lasts at its present speed.
+constexpr double share_steps = 50;
+
+/// The largest share is at most this part of the outer skin: some lists of close pairs are made of one outer one.
+constexpr double largest_share = 0.2;
+
+} // namespace
+
+/// Each particle has its share of the close list's skin: what it may move until the list is made anew, more where
+/// it is fast. So a few fast particles do not make the list of all the others long or short-lived.
+void Simulation::set_shares() {
+    const ParticleColumns& p = particles_;
+    const double most = largest_share * skin_, dt = share_steps * time_step_.step;
+    share_.resize(p.owned);
+    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row)
+            share_[row] = p.species[row] == Species::fixed
+                              ? 0.0f
+                              : static_cast<float>(std::min(most, close_skin_ + dt * norm(p.velocity[row].vec())));
+    });
+    used_ = 0;
+}
+
+/// Largest displacement since the outer list was made, and the largest part of a share used up.
+Simulation::Displacement Simulation::largest_displacement() {
+    const auto threads = static_cast<std::size_t>(team_.size());
+    std::vector<Displacement> parts(threads);
+    team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int thread) {
+        double outer2 = 0, used2 = 0;
+        for (std::size_t row = begin; row < end; ++row) {
+            if (particles_.species[row] == Species::fixed)
+                continue;
+            const Vec3 moved = particles_.position[row].vec() - listed_position_[row];
+            const std::array<float, 3>& before = refreshed_[row];
+            outer2 = std::max(outer2, norm2(moved));
+            used2 = std::max(used2, norm2(moved - Vec3{before[0], before[1], before[2]}) /
+                                        (static_cast<double>(share_[row]) * share_[row]));
+        }
+        parts[static_cast<std::size_t>(thread)] = {std::sqrt(outer2), std::sqrt(used2)};
+    });
+    Displacement largest;
+    for (const Displacement& part : parts) {
+        largest.outer = std::max(largest.outer, part.outer);
+        largest.used = std::max(largest.used, part.used);
+    }
+    return largest;
+}
+
+/// The close list holds while nobody has moved by more than his share; the outer list has to hold until the
+/// close list is made the next time. Whether they can have is first judged by the sum of the largest speeds, which
+/// costs nothing; where that runs out, by how far they really went.
+void Simulation::keep_lists_valid() {
+    const double share = largest_share * skin_;
+    if (used_ <= 1 && displaced_ + share + wall_travel_ <= skin_) {
+        images_.update_ghosts(particles_, team_);
+        return;
+    }
+    const Displacement moved = largest_displacement();
+    if (2 * (moved.outer + share) > skin_ || moved.outer + share + wall_travel_ > worn_out * skin_) {
+        rebuild();
+        return;
+    }
+    images_.update_ghosts(particles_, team_);
+    if (moved.used <= worn_out)
+        used_ = moved.used;
+    else
+        refresh(moved.outer);
+}
+
+/// Takes wider skins where lists last a few steps only (flow) and narrower ones where they last long (rest).
+/// What the forces are does not depend on them.
+void Simulation::adapt_skins(bool outer) {
+    const auto adapt = [&](double skin, std::int64_t lasted, std::int64_t least, std::int64_t most) {
+        return lasted < least ? 1.25 * skin : (lasted > most ? 0.8 * skin : skin);
+    };
+    if (refreshes_ > 0)
+        close_skin_ = adapt(close_skin_, step_ - last_refresh_, 30, 100);
+    last_refresh_ = step_;
+    if (outer) {
+        if (rebuilds_ > 0)
+            skin_ = adapt(skin_, step_ - last_rebuild_, 150, 1000);
+        last_rebuild_ = step_;
+        skin_ = std::clamp(skin_, 0.5 * scene_.skin * largest_radius_, 4 * scene_.skin * largest_radius_);
+        for (int k = 0; k < 3; ++k)
+            if (images_.box().periodic[static_cast<std::size_t>(k)])
+                skin_ = std::min(skin_, images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ -
+                                            bond_reach_);
+    }
+    close_skin_ = std::clamp(close_skin_, 0.002 * largest_radius_, largest_share * skin_);
+}
+
+search::CandidateList::Live Simulation::live() const {
+    return {{pairs_.state.data(), list_.size()}, contact::contact_active | contact::bond_intact,
+            contact::bond_intact};
+}
+
+void Simulation::rebuild() {
+    ParticleColumns& p = particles_;
+    const bool first = rebuilds_ == 0;
+    adapt_skins(true);
+    std::vector<std::array<std::int8_t, 3>> wrapped;
+    images_.wrap(p, wrapped);
+    std::vector<std::uint32_t> order;
+    if (rebuilds_ % rebuilds_per_reorder == 0) {
+        order = search::space_filling_order(p, 2.5 * mean_radius_, team_);
+        search::reorder(p, order, team_);
+        const auto before = wrapped;
+        for (std::size_t row = 0; row < p.owned; ++row)
+            wrapped[row] = before[order[row]];
+    } else {
+        order.resize(p.owned);
+        std::iota(order.begin(), order.end(), 0u);
+    }
+    const double margin = skin_ + bond_reach_;
+    images_.make_ghosts(p, 2 * largest_radius_ * reach_factor_ + margin);
+    if (first)
+        order.clear();
+    set_shares();
+    const std::size_t lost = list_.rebuild(p, reach_factor_, margin, first ? reach_factor_ : 1, share_, order,
+                                           wrapped, live(), team_);
+    if (lost > 0)
+        throw Error(ExitCode::run_failed,
+                    fmt::format("{} bonds were stretched beyond the candidate list at step {}: take "
+                                "a smaller time.step",
+                                lost, step_));
+    listed_position_.resize(p.owned);
+    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row)
+            listed_position_[row] = p.position[row].vec();
+    });
+    walls_.rebuild(p, skin_, order);
+    displaced_ = wall_travel_ = 0;
+    ++rebuilds_;
+    take_close_list();
+}
+
+void Simulation::refresh(double displaced) {
+    adapt_skins(false);
+    set_shares();
+    list_.refresh(particles_, share_, live(), team_);
+    displaced_ = displaced;
+    take_close_list();
+}
+
+/// What depends on the close list and comes after it.
+void Simulation::take_close_list() {
+    pairs_.reorder(list_.previous(), kernel_.traits, team_);
+    complete_rows_.resize(list_.size() / sweep_block + 2);
+    for (std::size_t b = 0; b < complete_rows_.size(); ++b)
+        complete_rows_[b] = list_.rows_before(b * sweep_block);
+    refreshed_.resize(particles_.owned);
+    team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row) {
+            const Vec3 moved = particles_.position[row].vec() - listed_position_[row];
+            refreshed_[row] = {static_cast<float>(moved.x), static_cast<float>(moved.y),
+                               static_cast<float>(moved.z)};
+        }
+    });
+    ++refreshes_;
+}
+
+} // namespace talus::engine

@@ -30,9 +30,6 @@ HWY_INLINE const float* forces_of<float>(const PairColumns& pairs) {
     return pairs.force_single.data();
 }
 
-/// References ahead whose pair forces are prefetched: a few particles.
-constexpr std::size_t reference_distance = search::CandidateList::padding;
-
 /// Sum of the records of a particle's pairs; the force of a pair acts on its second particle with the other sign.
 template <class Number, bool Tangential>
 class Sums {
@@ -70,10 +67,9 @@ private:
 };
 
 /// No operation here may be fused or reordered: net_of must give the same bits.
-/// `row_of(k)`: the k-th row to be moved. Late rows are added to `out` where `Checked`.
+/// `row_of(k)`: the k-th row to be moved; held ones are left out where `Checked`.
 template <class Number, bool Tangential, bool Checked, class RowOf>
-void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, std::size_t first_pair,
-               std::size_t last_pair, RowOf row_of, Advanced& out) {
+void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowOf row_of) {
     ParticleColumns& p = work.particles;
     const std::uint32_t* const start = work.list.reference_start();
     const search::Reference* const references = work.list.all_references();
@@ -84,32 +80,17 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, std:
     const Quad gravity = load_record(Record(work.gravity, 0));
     const Quad rounding = load_record(Record(work.rounding, 0));
     const Quad viscous = quad(work.viscous_damping);
-    double largest_speed2 = 0, largest_use2 = 0;
-    bool finite = true;
     for (std::size_t number = begin; number < end; ++number) {
         const std::size_t row = row_of(number);
-        if (p.species[row] == Species::fixed)
+        if (Checked && work.hold[row])
             continue;
         const Record& x = p.position[row];
         const Record& v = p.velocity[row];
         const Record& w = p.angular_velocity[row];
         Sums<Number, Tangential> sums;
-        std::uint32_t first = ~std::uint32_t{0}, last = 0;
         const std::uint32_t end_of_row = start[row + 1];
-        for (std::uint32_t k = start[row]; k < end_of_row; ++k) {
-            const search::Reference r = references[k];
-            const std::uint32_t pair = r.candidate();
-            first = std::min(first, pair);
-            last = std::max(last, pair);
-            sums.add(force + stride * pair, r.is_second());
-        }
-        if constexpr (Checked)
-            if (last >= last_pair || first < first_pair) {
-                if (end_of_row > start[row]) {
-                    out.late.push_back(static_cast<std::uint32_t>(row));
-                    continue;
-                }
-            }
+        for (std::uint32_t k = start[row]; k < end_of_row; ++k)
+            sums.add(force + stride * references[k].candidate(), references[k].is_second());
         Quad sum = sums.force(), couple = sums.couple();
         if (work.walls.any())
             for (const WallContacts::Entry& e : work.walls.of_row(row)) {
@@ -146,44 +127,65 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, std:
         }
         const Quad old_x = load_quad(&x.x);
         store_quad(with_w(old_x + ((step * new_v + rounding) - rounding), old_x), &p.position[row].x);
-
-        const Record& moved = p.velocity[row];
-        const double speed2 = moved.x * moved.x + moved.y * moved.y + moved.z * moved.z;
-        const double share = work.share[row];
-        largest_speed2 = std::max(largest_speed2, speed2);
-        largest_use2 = std::max(largest_use2, speed2 / (share * share));
-        double checked = speed2;
-        if constexpr (Tangential) {
-            const Record& turning = p.angular_velocity[row];
-            checked += std::abs(turning.x) + std::abs(turning.y) + std::abs(turning.z);
-        }
-        finite = finite && checked < 1e300;
     }
-    out.largest_speed2 = std::max(out.largest_speed2, largest_speed2);
-    out.largest_use2 = std::max(out.largest_use2, largest_use2);
-    out.finite = out.finite && finite;
+}
+
+/// Looks at the speeds of rows [begin, end), several at a time.
+template <bool Tangential, class RowOf>
+void look_at_speeds(const AdvanceWork& work, std::size_t begin, std::size_t end, RowOf row_of, Advanced& out) {
+    const D d;
+    const ParticleColumns& p = work.particles;
+    V largest_speed2 = hn::Set(d, out.largest_speed2), largest_use2 = hn::Set(d, out.largest_use2);
+    M finite = hn::Eq(hn::Zero(d), hn::Zero(d));
+    for (std::size_t number = begin; number < end; number += lanes) {
+        std::array<Quad, lanes> velocity, spin;
+        alignas(64) double share[lanes];
+        for (std::size_t l = 0; l < lanes; ++l) { // beyond the end the last one again
+            const std::size_t row = row_of(std::min(number + l, end - 1));
+            velocity[l] = load_quad(&p.velocity[row].x);
+            if constexpr (Tangential)
+                spin[l] = load_quad(&p.angular_velocity[row].x);
+            share[l] = work.share[row];
+        }
+        const Components v = components(velocity);
+        const V speed2 = dot(Three<V>{v.x, v.y, v.z}, Three<V>{v.x, v.y, v.z});
+        // Fixed particles have neither speed nor share.
+        const V room = hn::Max(hn::Load(d, share), hn::Set(d, 1e-100));
+        largest_speed2 = hn::Max(largest_speed2, speed2);
+        largest_use2 = hn::Max(largest_use2, hn::Div(speed2, hn::Mul(room, room)));
+        V checked = speed2;
+        if constexpr (Tangential) {
+            const Components w = components(spin);
+            checked = hn::Add(checked, hn::Add(hn::Add(hn::Abs(w.x), hn::Abs(w.y)), hn::Abs(w.z)));
+        }
+        finite = hn::And(finite, hn::Lt(checked, hn::Set(d, 1e300)));
+    }
+    out.largest_speed2 = hn::GetLane(hn::MaxOfLanes(d, largest_speed2));
+    out.largest_use2 = hn::GetLane(hn::MaxOfLanes(d, largest_use2));
+    out.finite = out.finite && hn::AllTrue(d, finite);
 }
 
 template <bool Checked, class RowOf>
-void move_any(const AdvanceWork& work, std::size_t begin, std::size_t end, std::size_t first_pair,
-              std::size_t last_pair, RowOf row_of, Advanced& out) {
+void move_any(const AdvanceWork& work, std::size_t begin, std::size_t end, RowOf row_of, Advanced& out) {
+    if (begin == end)
+        return;
     const bool single = !work.pairs.force_single.empty();
     if (work.tangential)
-        single ? move_rows<float, true, Checked>(work, begin, end, first_pair, last_pair, row_of, out)
-               : move_rows<double, true, Checked>(work, begin, end, first_pair, last_pair, row_of, out);
+        single ? move_rows<float, true, Checked>(work, begin, end, row_of)
+               : move_rows<double, true, Checked>(work, begin, end, row_of);
     else
-        single ? move_rows<float, false, Checked>(work, begin, end, first_pair, last_pair, row_of, out)
-               : move_rows<double, false, Checked>(work, begin, end, first_pair, last_pair, row_of, out);
+        single ? move_rows<float, false, Checked>(work, begin, end, row_of)
+               : move_rows<double, false, Checked>(work, begin, end, row_of);
+    work.tangential ? look_at_speeds<true>(work, begin, end, row_of, out)
+                    : look_at_speeds<false>(work, begin, end, row_of, out);
 }
 
-void move_range(const AdvanceWork& work, std::size_t begin, std::size_t end, std::size_t first_pair,
-                std::size_t last_pair, Advanced& out) {
-    move_any<true>(work, begin, end, first_pair, last_pair, [](std::size_t k) { return k; }, out);
+void move_range(const AdvanceWork& work, std::size_t begin, std::size_t end, Advanced& out) {
+    move_any<true>(work, begin, end, [](std::size_t k) { return k; }, out);
 }
 
-void move_late(const AdvanceWork& work, Advanced& out) {
-    move_any<false>(
-        work, 0, out.late.size(), 0, 0, [&](std::size_t k) { return out.late[k]; }, out);
+void move_late(const AdvanceWork& work, std::span<const std::uint32_t> rows, Advanced& out) {
+    move_any<false>(work, 0, rows.size(), [&](std::size_t k) { return rows[k]; }, out);
 }
 
 } // namespace HWY_NAMESPACE
@@ -196,14 +198,12 @@ namespace talus::engine {
 HWY_EXPORT(move_range);
 HWY_EXPORT(move_late);
 
-void advance(const AdvanceWork& work, std::size_t begin, std::size_t end, std::size_t first_pair,
-             std::size_t last_pair, Advanced& result) {
-    HWY_DYNAMIC_DISPATCH(move_range)(work, begin, end, first_pair, last_pair, result);
+void advance(const AdvanceWork& work, std::size_t begin, std::size_t end, Advanced& result) {
+    HWY_DYNAMIC_DISPATCH(move_range)(work, begin, end, result);
 }
 
-void advance_late(const AdvanceWork& work, Advanced& result) {
-    HWY_DYNAMIC_DISPATCH(move_late)(work, result);
-    result.late.clear();
+void advance_late(const AdvanceWork& work, std::span<const std::uint32_t> rows, Advanced& result) {
+    HWY_DYNAMIC_DISPATCH(move_late)(work, rows, result);
 }
 
 Net net_of(const AdvanceWork& work, std::size_t row) {

@@ -4,6 +4,7 @@
 #include "engine/wall_contacts.hpp"
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace talus::engine {
@@ -34,6 +35,7 @@ struct AdvanceWork {
     double viscous_damping;    ///< 1/s
     Vec3 rounding;             ///< added and taken off, snaps displacements (parallel/periodic_images.hpp)
     bool tangential;
+    const std::uint8_t* hold;  ///< [owned] rows that do not move with the others: fixed ones and late ones
     const float* share;        ///< [owned] m, each particle's share of the close list's skin
 };
 
@@ -42,17 +44,14 @@ struct Advanced {
     double largest_speed2 = 0;       ///< m2 s-2
     double largest_use2 = 0;         ///< (speed / share)^2, s-2
     bool finite = true;              ///< all velocities are numbers
-    std::vector<std::uint32_t> late; ///< rows that wait for pairs of other threads
 };
 
 /// Sums the forces on rows [begin, end) in the order of their partners' ids and moves these rows from t to t +
 /// step: velocities from half step to half step, positions, and the half kick that predicts velocities at the
-/// new full step (explicit, second order). Rows with pairs outside [first_pair, last_pair), whose forces are not
-/// there yet, are put down as late instead.
-void advance(const AdvanceWork& work, std::size_t begin, std::size_t end, std::size_t first_pair,
-             std::size_t last_pair, Advanced& result);
-/// Moves the late rows.
-void advance_late(const AdvanceWork& work, Advanced& result);
+/// new full step (explicit, second order). Held rows are left out.
+void advance(const AdvanceWork& work, std::size_t begin, std::size_t end, Advanced& result);
+/// The same for late rows.
+void advance_late(const AdvanceWork& work, std::span<const std::uint32_t> rows, Advanced& result);
 
 /// The same sum for one row, moving nothing.
 Net net_of(const AdvanceWork& work, std::size_t row);

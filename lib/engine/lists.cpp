@@ -162,12 +162,38 @@ void Simulation::refresh(double displaced) {
     take_close_list();
 }
 
+/// Rows that cannot be moved when their own pairs are done, because another thread computes one of their pairs, or
+/// a later block does (pairs are held by the smaller particle where sizes differ much).
+void Simulation::find_late_rows() {
+    hold_.resize(particles_.owned);
+    late_.resize(static_cast<std::size_t>(team_.size()));
+    for (auto& rows : late_)
+        rows.clear();
+    for_sweep_parts([&](std::size_t begin, std::size_t end, std::size_t row, std::size_t last_row, int thread) {
+        for (; row < last_row; ++row) {
+            if (particles_.species[row] == Species::fixed) {
+                hold_[row] = 1;
+                continue;
+            }
+            const std::size_t own_end = list_.first(row + 1);
+            const std::size_t done = std::min(end, (own_end + sweep_block - 1) / sweep_block * sweep_block);
+            bool late = own_end > end;
+            for (const search::Reference r : list_.references(row))
+                late = late || r.candidate() < begin || r.candidate() >= done;
+            hold_[row] = late;
+            if (late)
+                late_[static_cast<std::size_t>(thread)].push_back(static_cast<std::uint32_t>(row));
+        }
+    });
+}
+
 /// What depends on the close list and comes after it.
 void Simulation::take_close_list() {
     pairs_.reorder(list_.previous(), kernel_.traits, team_);
     complete_rows_.resize(list_.size() / sweep_block + 2);
     for (std::size_t b = 0; b < complete_rows_.size(); ++b)
         complete_rows_[b] = list_.rows_before(b * sweep_block);
+    find_late_rows();
     refreshed_.resize(particles_.owned);
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {

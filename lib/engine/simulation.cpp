@@ -245,7 +245,7 @@ void Simulation::evaluate() {
 
 AdvanceWork Simulation::advance_work() {
     return {particles_, pairs_, list_, walls_, restored_, scene_.gravity, time_step_.step, viscous_damping_,
-            images_.rounding(), kernel_.traits.tangential, share_.data()};
+            images_.rounding(), kernel_.traits.tangential, hold_.data(), share_.data()};
 }
 
 Net Simulation::net(std::size_t row) const {
@@ -256,9 +256,17 @@ Net Simulation::net(std::size_t row) const {
 void Simulation::move() {
     const AdvanceWork work = advance_work();
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int thread) {
-        advance(work, begin, end, 0, list_.size(), advanced_[static_cast<std::size_t>(thread)]);
+        advance(work, begin, end, advanced_[static_cast<std::size_t>(thread)]);
     });
+    move_late(work);
     restored_ = {};
+}
+
+void Simulation::move_late(const AdvanceWork& work) {
+    team_.for_parts(late_.size(), particles_.owned, [&](std::size_t begin, std::size_t end, bool, int) {
+        for (std::size_t k = begin; k < end; ++k)
+            advance_late(work, late_[k], advanced_[k]);
+    });
 }
 
 /// Forces at t and the move to t + dt that they cause, block by block: a row is moved once all its pairs are
@@ -268,27 +276,18 @@ void Simulation::sweep() {
     begin_forces(time_step_.step);
     const PairWork pairs{constants_, particles_, list_.candidates(), time_step_.step, pairs_};
     const AdvanceWork work = advance_work();
-    team_.for_parts(
-        list_.size(), particles_.owned,
-        [&](std::size_t begin, std::size_t end, bool last, int thread) {
-            Advanced& result = advanced_[static_cast<std::size_t>(thread)];
-            std::size_t row = begin == 0 ? 0 : list_.row_at(begin);
-            const std::size_t last_row = last ? particles_.owned : list_.row_at(end);
-            for (std::size_t k = begin; k < end; k += sweep_block) {
-                const std::size_t done = std::min(k + sweep_block, end);
-                kernel_.run(pairs, k, done, tallies_[static_cast<std::size_t>(thread)]);
-                const std::size_t ready = std::clamp(complete_rows_[done / sweep_block], row, last_row);
-                advance(work, row, ready, begin, done, result);
-                row = ready;
-            }
-            advance(work, row, last_row, begin, end, result);
-        },
-        sweep_block);
-    team_.for_parts(advanced_.size(), particles_.owned,
-                    [&](std::size_t begin, std::size_t end, bool, int) {
-                        for (std::size_t k = begin; k < end; ++k)
-                            advance_late(work, advanced_[k]);
-                    });
+    for_sweep_parts([&](std::size_t begin, std::size_t end, std::size_t row, std::size_t last_row, int thread) {
+        Advanced& result = advanced_[static_cast<std::size_t>(thread)];
+        for (std::size_t k = begin; k < end; k += sweep_block) {
+            const std::size_t done = std::min(k + sweep_block, end);
+            kernel_.run(pairs, k, done, tallies_[static_cast<std::size_t>(thread)]);
+            const std::size_t complete = std::clamp(complete_rows_[done / sweep_block], row, last_row);
+            advance(work, row, complete, result);
+            row = complete;
+        }
+        advance(work, row, last_row, result);
+    });
+    move_late(work);
     collect_tallies(false);
 }
 

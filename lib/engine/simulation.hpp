@@ -133,6 +133,19 @@ private:
     }
     void move();
     void sweep();
+    void move_late(const AdvanceWork& work);
+    /// Cuts pairs and rows among the threads for the sweep: body(pair begin, end, row begin, end, thread).
+    template <class Body>
+    void for_sweep_parts(Body&& body) {
+        team_.for_parts(
+            list_.size(), particles_.owned,
+            [&](std::size_t begin, std::size_t end, bool last, int thread) {
+                body(begin, end, begin == 0 ? 0 : list_.row_at(begin),
+                     last ? particles_.owned : list_.row_at(end), thread);
+            },
+            sweep_block);
+    }
+    void find_late_rows();
     void begin_forces(double history_step);
     void finish_move();
     std::size_t count_bonds() const;
@@ -185,6 +198,8 @@ private:
     std::vector<std::array<float, 3>> refreshed_; ///< displacements since then when the close list was made
     std::vector<float> share_; ///< m, by which a particle may move before the close list is made anew
     std::vector<std::size_t> complete_rows_; ///< rows whose pairs all stand before the k-th block of pairs
+    std::vector<std::uint8_t> hold_; ///< [owned] rows that do not move with the sweep
+    std::vector<std::vector<std::uint32_t>> late_; ///< by thread: rows that wait for pairs of others
     NetColumns restored_;               ///< what acts at the full step, where a checkpoint says it
     std::vector<Advanced> advanced_;    ///< by thread
     std::vector<Tally> tallies_;

@@ -44,4 +44,15 @@ struct ColumnAllocator {
 template <class T>
 using Column = std::vector<T, ColumnAllocator<T>>;
 
+/// Resizes a column whose contents are about to be written anew: room is made once, with a little to spare, and
+/// nothing is copied.
+template <class T>
+void fit(Column<T>& column, std::size_t size) {
+    if (size > column.capacity()) {
+        column = Column<T>();
+        column.reserve(size + size / 16);
+    }
+    column.resize(size);
+}
+
 } // namespace talus

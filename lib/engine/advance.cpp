@@ -7,7 +7,6 @@
 
 #include "base/simd-inl.hpp"
 
-#include <cmath>
 
 HWY_BEFORE_NAMESPACE();
 namespace talus::engine {
@@ -66,8 +65,7 @@ private:
     Quad force_, couple_;
 };
 
-/// No operation here may be fused or reordered: net_of must give the same bits.
-/// `row_of(k)`: the k-th row to be moved; held ones are left out where `Checked`.
+/// `row_of(k)`: the k-th row to be moved (or summed up, see AdvanceWork); held ones are left out where `Checked`.
 template <class Number, bool Tangential, bool Checked, class RowOf>
 void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowOf row_of) {
     ParticleColumns& p = work.particles;
@@ -87,39 +85,50 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowO
         const Record& x = p.position[row];
         const Record& v = p.velocity[row];
         const Record& w = p.angular_velocity[row];
-        Sums<Number, Tangential> sums;
-        const std::uint32_t end_of_row = start[row + 1];
-        for (std::uint32_t k = start[row]; k < end_of_row; ++k)
-            sums.add(force + stride * references[k].candidate(), references[k].is_second());
-        Quad sum = sums.force(), couple = sums.couple();
-        if (work.walls.any())
-            for (const WallContacts::Entry& e : work.walls.of_row(row)) {
-                sum = sum + load_record(Record(e.force, e.damping));
-                couple = couple + load_record(Record(e.couple, 0));
-            }
-        Quad a = sum * quad(1 / v.w) + gravity;
         const Quad old_v = load_quad(&v.x);
         HalfKick& kick = p.half_kick[row];
-        if (work.viscous_damping > 0)
-            a = a - viscous * (old_v + load_quad(&kick.vx));
-        Quad alpha = zero;
-        if constexpr (Tangential) {
-            alpha = couple * quad(x.w / w.w);
+        Quad a = zero, alpha = zero;
+        float damping_load = 0;
+        if (work.given != nullptr) {
+            a = load_record(Record(work.given->acceleration[row], 0));
+            alpha = load_record(Record(work.given->angular_acceleration[row], 0));
+            damping_load = work.given->damping_load[row];
+        } else {
+            Sums<Number, Tangential> sums;
+            const std::uint32_t end_of_row = start[row + 1];
+            for (std::uint32_t k = start[row]; k < end_of_row; ++k)
+                sums.add(force + stride * references[k].candidate(), references[k].is_second());
+            Quad sum = sums.force(), couple = sums.couple();
+            if (work.walls.any())
+                for (const WallContacts::Entry& e : work.walls.of_row(row)) {
+                    sum = sum + load_record(Record(e.force, e.damping));
+                    couple = couple + load_record(Record(e.couple, 0));
+                }
+            a = sum * quad(1 / v.w) + gravity;
             if (work.viscous_damping > 0)
-                alpha = alpha - viscous * (load_quad(&w.x) + load_quad(&kick.sx) * quad(1 / x.w));
+                a = a - viscous * (old_v + load_quad(&kick.vx));
+            if constexpr (Tangential) {
+                alpha = couple * quad(x.w / w.w);
+                if (work.viscous_damping > 0)
+                    alpha = alpha - viscous * (load_quad(&w.x) + load_quad(&kick.sx) * quad(1 / x.w));
+            }
+            alignas(32) double load[4];
+            store_quad(sum, load);
+            damping_load = static_cast<float>(load[3] * dt / v.w);
         }
-        alignas(32) double load[4];
-        store_quad(sum, load);
-        double damping_load = load[3] * dt / v.w;
-        if (!work.given.empty()) {
-            a = load_record(Record(work.given.acceleration[row], 0));
-            alpha = load_record(Record(work.given.angular_acceleration[row], 0));
-            damping_load = work.given.damping_load[row];
+        if (work.into != nullptr) {
+            alignas(32) double both[8];
+            store_quad(a, both);
+            store_quad(alpha, both + 4);
+            work.into->acceleration[row] = {both[0], both[1], both[2]};
+            work.into->angular_acceleration[row] = {both[4], both[5], both[6]};
+            work.into->damping_load[row] = damping_load;
+            continue;
         }
         const Quad new_v = with_w(old_v + step * a, old_v);
         store_quad(new_v, &p.velocity[row].x);
         store_quad(half * a, &kick.vx);
-        kick.damping_load = static_cast<float>(damping_load);
+        kick.damping_load = damping_load;
         if constexpr (Tangential) {
             const Quad old_w = load_quad(&w.x);
             store_quad(with_w(old_w + step * alpha, old_w), &p.angular_velocity[row].x);
@@ -176,6 +185,8 @@ void move_any(const AdvanceWork& work, std::size_t begin, std::size_t end, RowOf
     else
         single ? move_rows<float, false, Checked>(work, begin, end, row_of)
                : move_rows<double, false, Checked>(work, begin, end, row_of);
+    if (work.into != nullptr)
+        return;
     work.tangential ? look_at_speeds<true>(work, begin, end, row_of, out)
                     : look_at_speeds<false>(work, begin, end, row_of, out);
 }
@@ -204,42 +215,6 @@ void advance(const AdvanceWork& work, std::size_t begin, std::size_t end, Advanc
 
 void advance_late(const AdvanceWork& work, std::span<const std::uint32_t> rows, Advanced& result) {
     HWY_DYNAMIC_DISPATCH(move_late)(work, rows, result);
-}
-
-Net net_of(const AdvanceWork& work, std::size_t row) {
-    const ParticleColumns& p = work.particles;
-    if (p.species[row] == Species::fixed)
-        return {};
-    if (!work.given.empty())
-        return {work.given.acceleration[row], work.given.angular_acceleration[row],
-                work.given.damping_load[row]};
-    std::array<double, 8> sum{};
-    for (const search::Reference r : work.list.references(row)) {
-        const std::size_t at = work.pairs.stride * r.candidate();
-        for (std::size_t d = 0; d < work.pairs.stride; ++d) {
-            const double term = work.pairs.force.empty() ? work.pairs.force_single[at + d]
-                                                         : work.pairs.force[at + d];
-            sum[d] += r.is_second() && d < 3 ? -term : term;
-        }
-    }
-    if (work.walls.any())
-        for (const WallContacts::Entry& e : work.walls.of_row(row)) {
-            const std::array<double, 7> term{e.force.x,  e.force.y,  e.force.z, e.damping,
-                                             e.couple.x, e.couple.y, e.couple.z};
-            for (std::size_t d = 0; d < 7; ++d)
-                sum[d] += term[d];
-        }
-    const Record &x = p.position[row], &v = p.velocity[row], &w = p.angular_velocity[row];
-    const HalfKick& kick = p.half_kick[row];
-    Net net{(1 / v.w) * Vec3{sum[0], sum[1], sum[2]} + work.gravity, {}, sum[3] * work.step / v.w};
-    if (work.viscous_damping > 0)
-        net.acceleration -= work.viscous_damping * (v.vec() + kick.velocity());
-    if (work.tangential) {
-        net.angular_acceleration = (x.w / w.w) * Vec3{sum[4], sum[5], sum[6]};
-        if (work.viscous_damping > 0)
-            net.angular_acceleration -= work.viscous_damping * (w.vec() + (1 / x.w) * kick.spin());
-    }
-    return net;
 }
 
 } // namespace talus::engine

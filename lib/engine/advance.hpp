@@ -9,18 +9,17 @@
 
 namespace talus::engine {
 
-/// What acts on one particle at a full step.
-struct Net {
-    Vec3 acceleration;         ///< m s-2
-    Vec3 angular_acceleration; ///< rad s-2
-    double damping_load = 0;   ///< sum of eta_n dt / m
-};
-
-/// Net of all particles, from elsewhere than their pair forces (a checkpoint), by row.
+/// What acts on the particles at a full step, by row.
 struct NetColumns {
-    std::vector<Vec3> acceleration, angular_acceleration;
-    std::vector<float> damping_load;
-    bool empty() const { return acceleration.empty(); }
+    std::vector<Vec3> acceleration;         ///< m s-2
+    std::vector<Vec3> angular_acceleration; ///< rad s-2
+    std::vector<float> damping_load;        ///< sum of eta_n dt / m
+
+    void resize(std::size_t n) {
+        acceleration.resize(n);
+        angular_acceleration.resize(n);
+        damping_load.resize(n);
+    }
 };
 
 /// What moving the particles needs.
@@ -29,7 +28,8 @@ struct AdvanceWork {
     const PairColumns& pairs;
     const search::CandidateList& list;
     const WallContacts& walls;
-    const NetColumns& given;   ///< used instead of the sums where not empty
+    const NetColumns* given;   ///< used instead of the sums, where there is one
+    NetColumns* into;          ///< where there is one, sums are written here and nothing moves
     Vec3 gravity;              ///< m s-2
     double step;               ///< s
     double viscous_damping;    ///< 1/s
@@ -50,10 +50,7 @@ struct Advanced {
 /// step: velocities from half step to half step, positions, and the half kick that predicts velocities at the
 /// new full step (explicit, second order). Held rows are left out.
 void advance(const AdvanceWork& work, std::size_t begin, std::size_t end, Advanced& result);
-/// The same for late rows.
+/// The same for these rows, held or not.
 void advance_late(const AdvanceWork& work, std::span<const std::uint32_t> rows, Advanced& result);
-
-/// The same sum for one row, moving nothing.
-Net net_of(const AdvanceWork& work, std::size_t row);
 
 } // namespace talus::engine

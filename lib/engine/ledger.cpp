@@ -9,12 +9,12 @@
 
 namespace talus::engine {
 
-Vec3 Simulation::full_velocity(std::size_t row, const Net& net) const {
-    return particles_.velocity[row].vec() + 0.5 * time_step_.step * net.acceleration;
+Vec3 Simulation::full_velocity(std::size_t row) const {
+    return particles_.velocity[row].vec() + 0.5 * time_step_.step * net_.acceleration[row];
 }
 
-Vec3 Simulation::full_angular_velocity(std::size_t row, const Net& net) const {
-    return particles_.angular_velocity[row].vec() + 0.5 * time_step_.step * net.angular_acceleration;
+Vec3 Simulation::full_angular_velocity(std::size_t row) const {
+    return particles_.angular_velocity[row].vec() + 0.5 * time_step_.step * net_.angular_acceleration[row];
 }
 
 Vec3 Simulation::unwrapped(std::size_t row) const {
@@ -92,10 +92,9 @@ Energies Simulation::energies() const {
         if (p.species[row] == Species::fixed)
             continue;
         const double m = p.velocity[row].w;
-        const Net acting = net(row);
-        kinetic.add(0.5 * m * norm2(full_velocity(row, acting)));
+        kinetic.add(0.5 * m * norm2(full_velocity(row)));
         if (kernel_.traits.tangential)
-            kinetic.add(0.5 * p.angular_velocity[row].w * norm2(full_angular_velocity(row, acting)));
+            kinetic.add(0.5 * p.angular_velocity[row].w * norm2(full_angular_velocity(row)));
         potential.add(-m * dot(scene_.gravity, unwrapped(row)));
     }
     for (std::size_t k = 0; k < list_.size(); ++k) {
@@ -132,28 +131,22 @@ double Simulation::energy_error() const {
 RestState Simulation::rest_state() const {
     evaluated();
     const ParticleColumns& p = particles_;
-    const double scale = scene_.material.youngs_modulus * largest_radius_ * largest_radius_;
-    ExactSum net_force(scale), contact_force(scale), speed2(1e6);
+    const double scale = record_scale();
+    ExactSum net_force(scale), wall_force(scale), speed2(1e6);
     RestState rest;
     for (std::size_t row = 0; row < p.owned; ++row) {
         if (p.species[row] == Species::fixed)
             continue;
-        const Net acting = net(row);
-        net_force.add(p.velocity[row].w * norm(acting.acceleration));
-        const double v2 = norm2(full_velocity(row, acting));
+        net_force.add(p.velocity[row].w * norm(net_.acceleration[row]));
+        const double v2 = norm2(full_velocity(row));
         speed2.add(v2);
         rest.max_speed = std::max(rest.max_speed, v2);
     }
-    std::size_t contacts = 0;
-    for (std::size_t k = 0; k < list_.size(); ++k)
-        if (pairs_.state[k] & contact::contact_active) {
-            contact_force.add(norm(pairs_.force_of(k)));
-            ++contacts;
-        }
-    const std::size_t pair_contacts = contacts;
+    const std::size_t pair_contacts = contacts_;
+    std::size_t contacts = contacts_;
     for (const WallContacts::Entry& e : walls_.entries())
         if (e.history.state & contact::contact_active) {
-            contact_force.add(norm(e.force));
+            wall_force.add(norm(e.force));
             ++contacts;
         }
     rest.max_speed = std::sqrt(rest.max_speed);
@@ -163,7 +156,7 @@ RestState Simulation::rest_state() const {
     rest.rms_speed = std::sqrt(speed2.value() / count);
     rest.coordination_number = 2 * static_cast<double>(pair_contacts) / count;
     const double mean_net = net_force.value() / count;
-    const double mean_contact = contacts > 0 ? contact_force.value() / static_cast<double>(contacts) : 0;
+    const double mean_contact = contacts > 0 ? (contact_force_ + wall_force.value()) / static_cast<double>(contacts) : 0;
     rest.unbalanced_force = mean_net == 0 ? 0 : (mean_contact > 0 ? mean_net / mean_contact : 1e300);
     return rest;
 }

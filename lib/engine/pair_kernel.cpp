@@ -30,7 +30,7 @@ namespace {
 template <class T>
 void reorder_column(Column<T>& column, Column<T>& spare, std::span<const std::uint32_t> previous,
                     ThreadTeam& team) {
-    spare.resize(previous.size() + PairColumns::padding);
+    fit(spare, previous.size() + PairColumns::padding);
     team.for_range(previous.size(), [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k)
             spare[k] = previous[k] == search::no_candidate ? T{} : column[previous[k]];
@@ -39,31 +39,27 @@ void reorder_column(Column<T>& column, Column<T>& spare, std::span<const std::ui
     std::swap(column, spare);
 }
 
-template <class T>
-void clear_column(Column<T>& column, std::size_t size, ThreadTeam& team) {
-    column.resize(size);
-    team.for_range(size, [&](std::size_t begin, std::size_t end, int) {
-        std::fill(column.begin() + static_cast<std::ptrdiff_t>(begin),
-                  column.begin() + static_cast<std::ptrdiff_t>(end), T{});
-    });
-}
-
 } // namespace
 
 void PairColumns::reorder(std::span<const std::uint32_t> previous, const KernelTraits& traits,
                           ThreadTeam& team) {
     reorder_column(state, spare_state, previous, team);
-    if (traits.tangential)
+    if (traits.tangential && traits.mixed)
+        for (auto& component : tangential_displacement_single)
+            reorder_column(component, spare_single, previous, team);
+    else if (traits.tangential)
         for (auto& component : tangential_displacement)
             reorder_column(component, spare, previous, team);
     if (traits.offsets)
         reorder_column(offset, spare, previous, team);
+}
+
+void PairColumns::make_slots(std::size_t slots, const KernelTraits& traits) {
     stride = traits.tangential ? 8 : 4;
-    const std::size_t numbers = (previous.size() + padding) * stride;
     if (traits.mixed)
-        clear_column(force_single, numbers, team);
+        fit(force_single, slots * stride);
     else
-        clear_column(force, numbers, team);
+        fit(force, slots * stride);
 }
 
 History PairColumns::load(std::size_t k) const {
@@ -71,6 +67,9 @@ History PairColumns::load(std::size_t k) const {
     if (!tangential_displacement[0].empty())
         h.tangential_displacement = {tangential_displacement[0][k], tangential_displacement[1][k],
                                      tangential_displacement[2][k]};
+    else if (!tangential_displacement_single[0].empty())
+        h.tangential_displacement = {tangential_displacement_single[0][k], tangential_displacement_single[1][k],
+                                     tangential_displacement_single[2][k]};
     return h;
 }
 
@@ -81,22 +80,35 @@ void PairColumns::store(std::size_t k, const History& h) {
     if (!tangential_displacement[0].empty())
         for (int d = 0; d < 3; ++d)
             tangential_displacement[static_cast<std::size_t>(d)][k] = h.tangential_displacement[d];
+    else if (!tangential_displacement_single[0].empty())
+        for (int d = 0; d < 3; ++d)
+            tangential_displacement_single[static_cast<std::size_t>(d)][k] =
+                static_cast<float>(h.tangential_displacement[d]);
 }
 
-void PairColumns::store_force(std::size_t k, const Vec3& f, double damping, const Vec3& couple) {
+void PairColumns::copy_record(std::size_t from, std::size_t to) {
+    if (force.empty())
+        std::copy_n(force_single.data() + from * stride, stride, force_single.data() + to * stride);
+    else
+        std::copy_n(force.data() + from * stride, stride, force.data() + to * stride);
+}
+
+void PairColumns::store_force(std::size_t slot, const Vec3& f, double damping, const Vec3& couple) {
     const std::array<double, 8> record{f.x, f.y, f.z, damping, couple.x, couple.y, couple.z, 0};
     for (std::size_t d = 0; d < stride; ++d) {
         if (force.empty())
-            force_single[k * stride + d] = static_cast<float>(record[d]);
+            force_single[slot * stride + d] = static_cast<float>(record[d]);
         else
-            force[k * stride + d] = record[d];
+            force[slot * stride + d] = record[d];
     }
 }
 
 std::size_t PairColumns::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
     std::size_t sum = bytes(offset) + bytes(state) + bytes(force) + bytes(force_single) + bytes(spare) +
-                      bytes(spare_state);
+                      bytes(spare_state) + bytes(spare_single);
+    for (const auto& component : tangential_displacement_single)
+        sum += bytes(component);
     for (const auto& component : tangential_displacement)
         sum += bytes(component);
     return sum;
@@ -167,8 +179,11 @@ void scalar(const PairWork& work, std::size_t begin, std::size_t end, Tally& tal
         bool idle = distance2 >= touch * touch && !(pairs.state[k] & alive);
         if constexpr (F::offsets)
             idle = idle && pairs.offset[k] == 0;
-        if (idle)
-            continue; // its force was zeroed when it ended
+        const std::size_t slot = work.first_slot + k - begin;
+        if (idle) {
+            pairs.store_force(slot, {}, 0, {});
+            continue;
+        }
         const Constants& constants = work.constants.of(p, c);
         const double distance = std::sqrt(std::max(distance2, least_distance2));
         const Motion m = motion_of<F>(constants, p, c, branch, distance, touch);
@@ -181,7 +196,7 @@ void scalar(const PairWork& work, std::size_t begin, std::size_t end, Tally& tal
                 constants.lever_arm == contact::LeverArm::contact_point ? distance / touch : 1.0;
             couple = stretch * cross(m.normal, f.tangential);
         }
-        pairs.store_force(k, f.tangential - f.normal * m.normal, f.active ? f.damping : 0, couple);
+        pairs.store_force(slot, f.tangential - f.normal * m.normal, f.active ? f.damping : 0, couple);
         count(f, p, c, tally);
     }
 }
@@ -204,7 +219,8 @@ std::array<contact::ReferenceParticle, 2> reference_particles(const ParticleColu
 
 void reference(const PairWork& work, std::size_t begin, std::size_t end, Tally& tally) {
     PairColumns& pairs = work.pairs;
-    const bool tangential = !pairs.tangential_displacement[0].empty();
+    const bool tangential =
+        !pairs.tangential_displacement[0].empty() || !pairs.tangential_displacement_single[0].empty();
     for (std::size_t k = begin; k < end; ++k) {
         const search::Candidate c = work.candidates[k];
         History h = pairs.load(k);
@@ -212,7 +228,7 @@ void reference(const PairWork& work, std::size_t begin, std::size_t end, Tally& 
         const auto result = contact::reference_pair_force(work.constants.of(work.particles, c), i, j,
                                                           work.step, h, tangential);
         pairs.store(k, h);
-        pairs.store_force(k, result.force_on_i, result.parts.damping, result.torque_on_i / i.radius);
+        pairs.store_force(work.first_slot + k - begin, result.force_on_i, result.parts.damping, result.torque_on_i / i.radius);
         count(result.parts, work.particles, c, tally);
     }
 }

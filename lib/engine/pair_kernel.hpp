@@ -25,6 +25,7 @@ struct Tally {
     ExactSum dissipation, intake, fracture; ///< W, W, J
     std::size_t contacts = 0;
     std::vector<BondBreak> breaks;
+    ExactSum contact_force; ///< N, sum of the magnitudes, where somebody asked
 };
 
 /// What a scene has, and with it which instantiation of the pair kernel runs.
@@ -41,35 +42,41 @@ struct KernelTraits {
     friend bool operator==(const KernelTraits&, const KernelTraits&) = default;
 };
 
-/// History and forces of all close pairs, in the list's order; columns a scene does not need stay empty. All
-/// columns are a vector longer than the list, so that kernels may read and write whole vectors.
+/// History of all close pairs, in the list's order, and records of their forces; columns a scene does not need stay
+/// empty. Columns are a vector longer than the list, so that kernels may read and write whole vectors.
 ///
-/// A pair's record in `force` has 8 numbers: the force on i (N; the opposite on j), eta_n before any limit (N
-/// s/m), the couple = n x Ft stretched to the contact point (N; the torque on either particle is its radius
-/// times the couple), one unused. Without tangential part it has the first 4. With mixed precision records are
-/// in `force_single` instead.
+/// Records live no longer than until both particles have added them up, so they are in slots of their own, used
+/// again and again, which stay in the cache (see Simulation::assign_slots). A record has 8 numbers: the force on i
+/// (N; the opposite on j), eta_n before any limit (N s/m), the couple = n x Ft stretched to the contact point (N;
+/// the torque on either particle is its radius times the couple), one unused. Without tangential part it has the
+/// first 4. With mixed precision records are in `force_single` and displacements in single precision as well.
 struct PairColumns {
     static constexpr std::size_t padding = 16;
 
-    std::array<Column<double>, 3> tangential_displacement; ///< m
-    Column<double> offset;                                 ///< m
+    std::array<Column<double>, 3> tangential_displacement;       ///< m
+    std::array<Column<float>, 3> tangential_displacement_single; ///< m
+    Column<double> offset;                                       ///< m
     Column<std::uint8_t> state;
     Column<double> force;
     Column<float> force_single;
-    std::size_t stride = 8;             ///< numbers per record of `force`
+    std::size_t stride = 8;             ///< numbers per record
     Column<double> spare;               ///< memory for reorder()
+    Column<float> spare_single;
     Column<std::uint8_t> spare_state;
 
     /// Brings the history into the order of a new list, whose pair k was `previous[k]` before or is new
-    /// (search::no_candidate), and sets the forces to zero.
+    /// (search::no_candidate).
     void reorder(std::span<const std::uint32_t> previous, const KernelTraits& traits, ThreadTeam& team);
+    /// Makes room for records.
+    void make_slots(std::size_t slots, const KernelTraits& traits);
     contact::History load(std::size_t k) const;
     void store(std::size_t k, const contact::History& h);
-    void store_force(std::size_t k, const Vec3& force, double damping, const Vec3& couple);
-    Vec3 force_of(std::size_t k) const {
-        return force.empty() ? Vec3{force_single[stride * k], force_single[stride * k + 1],
-                                    force_single[stride * k + 2]}
-                             : Vec3{force[stride * k], force[stride * k + 1], force[stride * k + 2]};
+    void store_force(std::size_t slot, const Vec3& force, double damping, const Vec3& couple);
+    void copy_record(std::size_t from, std::size_t to);
+    Vec3 force_in(std::size_t slot) const {
+        const std::size_t at = stride * slot;
+        return force.empty() ? Vec3{force_single[at], force_single[at + 1], force_single[at + 2]}
+                             : Vec3{force[at], force[at + 1], force[at + 2]};
     }
     std::size_t memory() const;
 };
@@ -90,11 +97,12 @@ struct PairWork {
     std::span<const search::Candidate> candidates; ///< followed by PairColumns::padding valid ones
     double step;                                   ///< s, by which to bring the history forward
     PairColumns& pairs;
+    std::size_t first_slot; ///< of the record of pair `begin`; those of the others follow
 };
 
-/// Computes candidates [begin, end): brings their history forward and writes their forces. Reads positions and
+/// Computes candidates [begin, end): brings their history forward and writes their records. Reads positions and
 /// velocities of all rows; writes nothing but rows [begin, end) of the pair columns (and the padding after the
-/// last pair) and `tally`. What it writes for a pair depends on that pair alone, so any order of the list and
+/// last pair), as many slots (likewise) and `tally`. What it writes for a pair depends on that pair alone, so any order of the list and
 /// any cut of it among threads gives the same bits. `begin` is a multiple of 16.
 using PairKernel = void (*)(const PairWork& work, std::size_t begin, std::size_t end, Tally& tally);
 

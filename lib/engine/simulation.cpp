@@ -81,7 +81,7 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
         integral = {ExactSum(scale), ExactSum(scale), ExactSum(scale)};
     fractured_ = ExactSum(scale);
     tallies_.assign(static_cast<std::size_t>(team.size()),
-                    {ExactSum(scale), ExactSum(scale), ExactSum(scale), 0, {}});
+                    {ExactSum(scale), ExactSum(scale), ExactSum(scale), 0, {}, ExactSum(record_scale())});
     advanced_.resize(static_cast<std::size_t>(team.size()));
 
     rebuild();
@@ -91,12 +91,11 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
     const double half = 0.5 * time_step_.step;
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
-            const Net n = net(row);
+            const Vec3 &a = net_.acceleration[row], &alpha = net_.angular_acceleration[row];
             ParticleColumns& p = particles_;
-            p.velocity[row].set(p.velocity[row].vec() - half * n.acceleration);
-            p.angular_velocity[row].set(p.angular_velocity[row].vec() - half * n.angular_acceleration);
-            p.half_kick[row] =
-                HalfKick(half * n.acceleration, (half * p.position[row].w) * n.angular_acceleration);
+            p.velocity[row].set(p.velocity[row].vec() - half * a);
+            p.angular_velocity[row].set(p.angular_velocity[row].vec() - half * alpha);
+            p.half_kick[row] = HalfKick(half * a, (half * p.position[row].w) * alpha);
         }
     });
     start_potential_ = energies().potential;
@@ -231,7 +230,7 @@ void Simulation::step() {
     if (current_)
         move();
     else
-        sweep();
+        for_blocks(time_step_.step, advance_work(nullptr, nullptr), false);
     current_ = false;
     finish_move();
     ++step_;
@@ -243,23 +242,30 @@ void Simulation::evaluate() {
         compute_forces(time_step_.step);
 }
 
-AdvanceWork Simulation::advance_work() {
-    return {particles_, pairs_, list_, walls_, restored_, scene_.gravity, time_step_.step, viscous_damping_,
-            images_.rounding(), kernel_.traits.tangential, hold_.data(), share_.data()};
+AdvanceWork Simulation::advance_work(const NetColumns* given, NetColumns* into) {
+    return {.particles = particles_,
+            .pairs = pairs_,
+            .list = list_,
+            .walls = walls_,
+            .given = given,
+            .into = into,
+            .gravity = scene_.gravity,
+            .step = time_step_.step,
+            .viscous_damping = viscous_damping_,
+            .rounding = images_.rounding(),
+            .tangential = kernel_.traits.tangential,
+            .hold = hold_.data(),
+            .share = share_.data()};
 }
 
-Net Simulation::net(std::size_t row) const {
-    return net_of(const_cast<Simulation*>(this)->advance_work(), row); // which moves nothing
-}
-
-/// Sums what acts on each particle at t and takes it to t + dt.
+/// Takes each particle from t to t + dt, where what acts on it is known.
 void Simulation::move() {
-    const AdvanceWork work = advance_work();
+    const AdvanceWork work = advance_work(&net_, nullptr);
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int thread) {
         advance(work, begin, end, advanced_[static_cast<std::size_t>(thread)]);
     });
     move_late(work);
-    restored_ = {};
+    net_ = {};
 }
 
 void Simulation::move_late(const AdvanceWork& work) {
@@ -269,26 +275,59 @@ void Simulation::move_late(const AdvanceWork& work) {
     });
 }
 
-/// Forces at t and the move to t + dt that they cause, block by block: a row is moved once all its pairs are
-/// done, which then are still in the cache. Nothing else reads it after that: all pairs of a row that is not late
-/// belong to its thread.
-void Simulation::sweep() {
-    begin_forces(time_step_.step);
-    const PairWork pairs{constants_, particles_, list_.candidates(), time_step_.step, pairs_};
-    const AdvanceWork work = advance_work();
+/// Forces at t and the move to t + dt that they cause (or their sums, see AdvanceWork), block by block: a row is
+/// moved once all its pairs are done, which then are still in the cache. Nothing else reads it after that: all
+/// pairs of a row that is not late belong to its thread.
+void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool add_forces) {
+    for (Tally& tally : tallies_) {
+        tally.dissipation.reset();
+        tally.intake.reset();
+        tally.fracture.reset();
+        tally.contact_force.reset();
+        tally.contacts = 0;
+    }
+    walls_.compute(particles_, history_step, team_, tallies_);
+    if (viscous_damping_ > 0)
+        add_viscous_power();
     for_sweep_parts([&](std::size_t begin, std::size_t end, std::size_t row, std::size_t last_row, int thread) {
-        Advanced& result = advanced_[static_cast<std::size_t>(thread)];
+        const auto t = static_cast<std::size_t>(thread);
         for (std::size_t k = begin; k < end; k += sweep_block) {
-            const std::size_t done = std::min(k + sweep_block, end);
-            kernel_.run(pairs, k, done, tallies_[static_cast<std::size_t>(thread)]);
+            const std::size_t done = std::min(k + sweep_block, end), block = k / sweep_block;
+            const PairWork pairs{constants_, particles_, list_.candidates(), history_step, pairs_, first_slot(t, block)};
+            kernel_.run(pairs, k, done, tallies_[t]);
+            for (std::size_t f = far_start_[block]; f < far_start_[block + 1]; ++f)
+                pairs_.copy_record(pairs.first_slot + far_pairs_[f] - k, slot_[far_pairs_[f]]);
+            if (add_forces)
+                for (std::size_t pair = k; pair < done; ++pair)
+                    if (pairs_.state[pair] & contact::contact_active)
+                        tallies_[t].contact_force.add(norm(pairs_.force_in(pairs.first_slot + pair - k)));
             const std::size_t complete = std::clamp(complete_rows_[done / sweep_block], row, last_row);
-            advance(work, row, complete, result);
+            advance(work, row, complete, advanced_[t]);
             row = complete;
         }
-        advance(work, row, last_row, result);
+        advance(work, row, last_row, advanced_[t]);
     });
     move_late(work);
-    collect_tallies(false);
+    collect_tallies(history_step == 0);
+}
+
+void Simulation::compute_forces(double history_step) {
+    net_.resize(particles_.owned);
+    for (std::size_t row = 0; row < particles_.owned; ++row) // fixed rows are not summed up
+        if (particles_.species[row] == Species::fixed)
+            net_.acceleration[row] = net_.angular_acceleration[row] = {};
+    for_blocks(history_step, advance_work(nullptr, &net_), true);
+    ExactSum sum(record_scale());
+    for (const Tally& tally : tallies_)
+        sum.add(tally.contact_force);
+    contact_force_ = sum.value();
+    current_ = true;
+}
+
+/// A force, N, that sums of forces are measured against.
+double Simulation::record_scale() const {
+    return scene_.linear_law ? scene_.linear_law->normal_stiffness * largest_radius_
+                             : scene_.material.youngs_modulus * largest_radius_ * largest_radius_;
 }
 
 /// Looks at how far the particles moved.
@@ -312,9 +351,11 @@ void Simulation::finish_move() {
 
 std::string Simulation::near_particles(std::size_t row) const {
     std::string partners;
-    for (const search::Reference r : list_.references(row)) {
-        const search::Candidate c = list_.candidates()[r.candidate()];
-        partners += fmt::format(" {}", particles_.id[r.is_second() ? c.i : c.j]);
+    for (const search::Candidate& c : list_.candidates()) {
+        if (particles_.owner(c.i) == row)
+            partners += fmt::format(" {}", particles_.id[c.j]);
+        else if (particles_.owner(c.j) == row)
+            partners += fmt::format(" {}", particles_.id[c.i]);
     }
     return partners.empty() ? "near no other" : "near particles" + partners;
 }
@@ -340,31 +381,6 @@ void Simulation::stop_at_bad_particle() const {
                     "{:.4g} m/s) and could pass others unseen, {}: take a smaller time.step",
                     p.id[fastest], time_step_.step * most / smallest_radius_, step_ + 1, time(), most,
                     near_particles(fastest)));
-}
-
-void Simulation::begin_forces(double history_step) {
-    for (Tally& tally : tallies_) {
-        tally.dissipation.reset();
-        tally.intake.reset();
-        tally.fracture.reset();
-        tally.contacts = 0;
-    }
-    walls_.compute(particles_, history_step, team_, tallies_);
-    if (viscous_damping_ > 0)
-        add_viscous_power();
-}
-
-void Simulation::compute_forces(double history_step) {
-    begin_forces(history_step);
-    const PairWork work{constants_, particles_, list_.candidates(), history_step, pairs_};
-    team_.for_range(
-        list_.size(),
-        [&](std::size_t begin, std::size_t end, int thread) {
-            kernel_.run(work, begin, end, tallies_[static_cast<std::size_t>(thread)]);
-        },
-        pair_block);
-    collect_tallies(history_step == 0);
-    current_ = true;
 }
 
 } // namespace talus::engine

@@ -123,6 +123,8 @@ public:
 private:
     /// Pairs whose forces are computed before the particles they complete are moved: 16 kB of forces.
     static constexpr std::size_t sweep_block = 256;
+    /// Blocks whose records are kept before their slots are used again: 256 kB.
+    static constexpr std::size_t ring_blocks = 16;
 
     void load(const Grains& grains);
     void make_constants();
@@ -132,7 +134,6 @@ private:
         return *this;
     }
     void move();
-    void sweep();
     void move_late(const AdvanceWork& work);
     /// Cuts pairs and rows among the threads for the sweep: body(pair begin, end, row begin, end, thread).
     template <class Body>
@@ -146,7 +147,10 @@ private:
             sweep_block);
     }
     void find_late_rows();
-    void begin_forces(double history_step);
+    /// Slot of a block's first record, in its thread's ring.
+    static std::size_t first_slot(std::size_t thread, std::size_t block) {
+        return (thread * ring_blocks + block % ring_blocks) * sweep_block;
+    }
     void finish_move();
     std::size_t count_bonds() const;
     void keep_lists_valid();
@@ -162,15 +166,17 @@ private:
     void refresh(double displaced);
     search::CandidateList::Live live() const;
     void compute_forces(double history_step);
-    AdvanceWork advance_work();
-    Net net(std::size_t row) const;
+    void for_blocks(double history_step, const AdvanceWork& work, bool add_forces);
+    void assign_slots();
+    double record_scale() const;
+    AdvanceWork advance_work(const NetColumns* given, NetColumns* into);
     [[noreturn]] void stop_at_bad_particle() const;
     std::string near_particles(std::size_t row) const;
     void add_viscous_power();
     std::vector<std::uint32_t> rows_by_id() const;
     Vec3 unwrapped(std::size_t row) const;
-    Vec3 full_velocity(std::size_t row, const Net& net) const;
-    Vec3 full_angular_velocity(std::size_t row, const Net& net) const;
+    Vec3 full_velocity(std::size_t row) const;
+    Vec3 full_angular_velocity(std::size_t row) const;
     void collect_tallies(bool first);
     void find_contacts_again(const SavedState& state);
 
@@ -200,7 +206,11 @@ private:
     std::vector<std::size_t> complete_rows_; ///< rows whose pairs all stand before the k-th block of pairs
     std::vector<std::uint8_t> hold_; ///< [owned] rows that do not move with the sweep
     std::vector<std::vector<std::uint32_t>> late_; ///< by thread: rows that wait for pairs of others
-    NetColumns restored_;               ///< what acts at the full step, where a checkpoint says it
+    NetColumns net_;                    ///< what acts at the present time, where the forces are current
+    double contact_force_ = 0;          ///< N, sum over pairs of the magnitudes then
+    Column<std::uint32_t> slot_;        ///< [close pairs] of their records
+    std::vector<std::uint32_t> far_pairs_;  ///< whose records outlive the ring, in rising order
+    std::vector<std::size_t> far_start_;    ///< the first of each block
     std::vector<Advanced> advanced_;    ///< by thread
     std::vector<Tally> tallies_;
     std::vector<BondBreak> breaks_;

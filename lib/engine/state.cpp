@@ -23,10 +23,9 @@ Snapshot Simulation::snapshot() const {
     for (std::size_t row = 0; row < n; ++row) {
         const std::uint64_t id = particles_.id[row];
         s.position[id] = unwrapped(row);
-        const Net acting = net(row);
-        s.velocity[id] = full_velocity(row, acting);
-        s.angular_velocity[id] = full_angular_velocity(row, acting);
-        s.force[id] = particles_.velocity[row].w * acting.acceleration;
+        s.velocity[id] = full_velocity(row);
+        s.angular_velocity[id] = full_angular_velocity(row);
+        s.force[id] = particles_.velocity[row].w * net_.acceleration[row];
     }
     return s;
 }
@@ -66,10 +65,9 @@ SavedState Simulation::save() const {
         s.half_kick[id] = p.half_kick[row];
         s.half_velocity[id] = p.velocity[row].vec();
         s.half_angular_velocity[id] = p.angular_velocity[row].vec();
-        const Net acting = net(row);
-        s.acceleration[id] = acting.acceleration;
-        s.angular_acceleration[id] = acting.angular_acceleration;
-        s.damping_load[id] = static_cast<float>(acting.damping_load);
+        s.acceleration[id] = net_.acceleration[row];
+        s.angular_acceleration[id] = net_.angular_acceleration[row];
+        s.damping_load[id] = net_.damping_load[row];
     }
 
     std::vector<std::tuple<std::uint64_t, std::uint64_t, std::array<std::int8_t, 3>, std::size_t>> live;
@@ -166,20 +164,15 @@ void Simulation::restore(const SavedState& s) {
     const std::vector<WallContacts::Entry> kept_walls(walls_.entries().begin(), walls_.entries().end());
     const std::size_t kept_bonds = intact_bonds_;
     compute_forces(0);
-    std::swap(kept.force, pairs_.force);
-    std::swap(kept.force_single, pairs_.force_single);
     pairs_ = std::move(kept);
     for (std::size_t k = 0; k < kept_walls.size(); ++k)
         walls_.entries()[k].history = kept_walls[k].history;
     intact_bonds_ = kept_bonds;
     breaks_.clear();
-    restored_.acceleration.resize(n);
-    restored_.angular_acceleration.resize(n);
-    restored_.damping_load.resize(n);
     for (std::size_t row = 0; row < n; ++row) {
-        restored_.acceleration[row] = s.acceleration[p.id[row]];
-        restored_.angular_acceleration[row] = s.angular_acceleration[p.id[row]];
-        restored_.damping_load[row] = s.damping_load[p.id[row]];
+        net_.acceleration[row] = s.acceleration[p.id[row]];
+        net_.angular_acceleration[row] = s.angular_acceleration[p.id[row]];
+        net_.damping_load[row] = s.damping_load[p.id[row]];
     }
 
     std::size_t next = 0;

@@ -151,8 +151,16 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
             bonded = hn::And(valid, mask_of(gather_bits(states, 1)));
             occupied = hn::Or(occupied, bonded);
         }
-        if (hn::AllFalse(d, hn::And(valid, occupied)))
-            continue; // their forces were zeroed when they ended
+        constexpr std::size_t stride = F::tangential ? 8 : 4;
+        double* const records = pairs.force.data() + stride * (work.first_slot + k - begin);
+        if (hn::AllFalse(d, hn::And(valid, occupied))) {
+            const Components nothing{zero, zero, zero, zero};
+            if constexpr (F::tangential)
+                store_double_records(nothing, nothing, records);
+            else
+                store_records(nothing, records, 4);
+            continue;
+        }
 
         const V distance = hn::Sqrt(hn::Max(distance2, least));
         const V turning = hn::Div(one, distance);
@@ -274,9 +282,9 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
         const Components record{force.x, force.y, force.z, hn::IfThenElseZero(active, f.damping)};
         if constexpr (F::tangential) {
             const Three<V> couple = keep(active, stretch * cross(m.normal, f.tangential));
-            store_double_records(record, {couple.x, couple.y, couple.z, zero}, pairs.force.data() + 8 * k);
+            store_double_records(record, {couple.x, couple.y, couple.z, zero}, records);
         } else {
-            store_records(record, pairs.force.data() + 4 * k, 4);
+            store_records(record, records, 4);
         }
         const M counted = F::bonds ? hn::And(active, mask_of(~broken & 0xff)) : active;
         tally.contacts += static_cast<std::size_t>(std::popcount(now & ~broken));
@@ -286,7 +294,8 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
         for (; broken != 0; broken &= broken - 1) {
             const auto l = static_cast<std::size_t>(std::countr_zero(broken));
             pairs.store(k + l, kept[l]);
-            one_by_one(work, k + l, k + l + 1, tally);
+            one_by_one({work.constants, p, work.candidates, work.step, pairs, work.first_slot + k + l - begin}, k + l,
+                       k + l + 1, tally);
         }
     }
     dissipation.give_to(tally.dissipation);

@@ -107,8 +107,8 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
     if (total >= no_candidate / 2)
         throw Error(ExitCode::run_failed,
                     "more than 2^31 near pairs in one domain: use more ranks or less skin");
-    holder_.resize(total);
-    partner_.resize(total);
+    fit(holder_, total);
+    fit(partner_, total);
     first_.assign(p.owned + 1, 0);
     team.run([&](int thread) {
         std::size_t k = counts_[static_cast<std::size_t>(thread)];
@@ -126,7 +126,7 @@ std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::
     if (close_size_ == 0)
         return 0;
     const std::size_t old_owned = old_row.size();
-    new_row_.resize(old_owned);
+    fit(new_row_, old_owned);
     team.for_range(old_owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row)
             new_row_[old_row[row]] = static_cast<std::uint32_t>(row);
@@ -170,7 +170,8 @@ std::size_t CandidateList::rebuild(const ParticleColumns& p, double factor, doub
                                    std::span<const float> share, std::span<const std::uint32_t> old_row,
                                    std::span<const Shift> wrapped, Live live, ThreadTeam& team) {
     find(p, factor, margin, team);
-    previous_of_outer_.assign(holder_.size(), no_candidate);
+    fit(previous_of_outer_, holder_.size());
+    std::fill(previous_of_outer_.begin(), previous_of_outer_.end(), no_candidate);
     const std::size_t lost = old_row.empty() ? 0 : match(p, old_row, wrapped, live, team);
     ghost_owner_ = p.ghost_owner;
     ghost_shift_ = p.ghost_shift;
@@ -179,7 +180,8 @@ std::size_t CandidateList::rebuild(const ParticleColumns& p, double factor, doub
 }
 
 void CandidateList::refresh(const ParticleColumns& p, std::span<const float> share, Live live, ThreadTeam& team) {
-    previous_of_outer_.assign(holder_.size(), no_candidate);
+    fit(previous_of_outer_, holder_.size());
+    std::fill(previous_of_outer_.begin(), previous_of_outer_.end(), no_candidate);
     team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k)
             if (live.state[k] & live.mask)
@@ -192,7 +194,7 @@ void CandidateList::select(const ParticleColumns& p, double factor, std::span<co
                            ThreadTeam& team) {
     const std::size_t outer = holder_.size();
     const auto threads = static_cast<std::size_t>(team.size());
-    chosen_.resize(outer);
+    fit(chosen_, outer);
     counts_.assign(threads + 1, 0);
     team.for_range(outer, [&](std::size_t begin, std::size_t end, int thread) {
         std::size_t count = 0;
@@ -209,9 +211,9 @@ void CandidateList::select(const ParticleColumns& p, double factor, std::span<co
     });
     std::partial_sum(counts_.begin(), counts_.end(), counts_.begin());
     close_size_ = counts_[threads];
-    candidates_.resize(close_size_ + padding);
-    outer_of_.resize(close_size_);
-    previous_.resize(close_size_);
+    fit(candidates_, close_size_ + padding);
+    fit(outer_of_, close_size_);
+    fit(previous_, close_size_);
     close_first_.resize(p.owned + 1);
     team.for_range(outer, [&](std::size_t begin, std::size_t end, int thread) {
         std::size_t k = counts_[static_cast<std::size_t>(thread)];
@@ -250,9 +252,9 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
                 add(reference_start_[row + 1], shared);
     });
     std::partial_sum(reference_start_.begin(), reference_start_.end(), reference_start_.begin());
-    references_.resize(reference_start_[p.owned] + padding);
+    fit(references_, reference_start_[p.owned] + padding);
     std::fill(references_.end() - padding, references_.end(), Reference{0});
-    cursor_.resize(p.owned);
+    fit(cursor_, p.owned);
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
             std::uint32_t at = reference_start_[row];
@@ -304,6 +306,13 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
             for (std::size_t k = 0; k < count; ++k)
                 first[k] = keys[k].reference;
         }
+    });
+}
+
+void CandidateList::relabel(std::span<const std::uint32_t> number_of, ThreadTeam& team) {
+    team.for_range(reference_start_.back(), [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k)
+            references_[k].packed = 2 * number_of[references_[k].candidate()] + references_[k].is_second();
     });
 }
 

@@ -91,6 +91,8 @@ public:
     /// by padding.
     const Reference* all_references() const { return references_.data(); }
     const std::uint32_t* reference_start() const { return reference_start_.data(); }
+    /// Makes every reference to close pair k one to number_of[k], for whoever keeps what it refers to elsewhere.
+    void relabel(std::span<const std::uint32_t> number_of, ThreadTeam& team);
     std::size_t outer_size() const { return holder_.size(); }
     std::size_t memory() const;
 

@@ -72,7 +72,7 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowO
     const std::uint32_t* const start = work.list.reference_start();
     const search::Reference* const references = work.list.all_references();
     const Number* const force = forces_of<Number>(work.pairs);
-    constexpr std::size_t stride = Tangential ? 8 : 4;
+    constexpr std::size_t stride = Tangential || sizeof(Number) == 4 ? 8 : 4;
     const double dt = work.step;
     const Quad step = quad(dt), half = quad(0.5 * dt), zero = quad(0);
     const Quad gravity = load_record(Record(work.gravity, 0));
@@ -133,6 +133,12 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowO
             const Quad old_w = load_quad(&w.x);
             store_quad(with_w(old_w + step * alpha, old_w), &p.angular_velocity[row].x);
             store_quad(half * alpha * quad(x.w), &kick.sx);
+        }
+        if constexpr (sizeof(Number) == 4) {
+            HalfMotion& motion = p.half_motion[row];
+            store_quad(new_v, &motion.vx); // with the mass
+            if constexpr (Tangential)
+                store_quad(with_w(load_quad(&w.x) * quad(x.w), quad(1 / x.w)), &motion.sx);
         }
         const Quad old_x = load_quad(&x.x);
         store_quad(with_w(old_x + ((step * new_v + rounding) - rounding), old_x), &p.position[row].x);

@@ -86,7 +86,7 @@ double Simulation::integral(Power which) const {
 Energies Simulation::energies() const {
     evaluated();
     const ParticleColumns& p = particles_;
-    const double scale = scene_.material.youngs_modulus * std::pow(largest_radius_, 3);
+    const double scale = record_scale() * largest_radius_;
     ExactSum kinetic(scale), potential(scale), elastic(scale);
     for (std::size_t row = 0; row < p.owned; ++row) {
         if (p.species[row] == Species::fixed)
@@ -211,7 +211,7 @@ std::vector<BondBreak> Simulation::take_breaks() {
 std::size_t Simulation::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
     const ParticleColumns& p = particles_;
-    return bytes(p.position) + bytes(p.velocity) + bytes(p.angular_velocity) + bytes(p.half_kick) +
+    return bytes(p.position) + bytes(p.velocity) + bytes(p.angular_velocity) + bytes(p.half_kick) + bytes(p.half_motion) +
            bytes(p.id) + bytes(p.material) + bytes(p.species) + bytes(p.release) + bytes(p.image) +
            bytes(p.ghost_owner) + bytes(p.ghost_shift) + pairs_.memory() + bytes(listed_position_) + bytes(refreshed_) +
            list_.memory();

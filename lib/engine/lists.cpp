@@ -77,7 +77,7 @@ void Simulation::keep_lists_valid() {
     }
     const Displacement moved = largest_displacement();
     if (2 * (moved.outer + share) > skin_ || moved.outer + share + wall_travel_ > worn_out * skin_) {
-        rebuild();
+        rebuild(false);
         return;
     }
     images_.update_ghosts(particles_, team_);
@@ -114,7 +114,8 @@ search::CandidateList::Live Simulation::live() const {
             contact::bond_intact};
 }
 
-void Simulation::rebuild() {
+/// `all_bonds`: also pairs that may be bonded but are not known to be yet are close ones.
+void Simulation::rebuild(bool all_bonds) {
     ParticleColumns& p = particles_;
     const bool first = rebuilds_ == 0;
     adapt_skins(true);
@@ -131,13 +132,23 @@ void Simulation::rebuild() {
         order.resize(p.owned);
         std::iota(order.begin(), order.end(), 0u);
     }
+    if (kernel_.traits.mixed) {
+        p.half_motion.resize(p.owned);
+        for (std::size_t row = 0; row < p.owned; ++row)
+            p.set_half_motion(row);
+    }
     const double margin = skin_ + bond_reach_;
     images_.make_ghosts(p, 2 * largest_radius_ * reach_factor_ + margin);
     if (first)
         order.clear();
     set_shares();
-    const std::size_t lost = list_.rebuild(p, reach_factor_, margin, first ? reach_factor_ : 1, share_, order,
-                                           wrapped, live(), team_);
+    const double close_factor = all_bonds ? reach_factor_ : 1;
+    if (all_bonds)
+        for (float& share : share_)
+            share += static_cast<float>(bond_reach_);
+    const std::size_t lost =
+        list_.rebuild(p, reach_factor_, margin, close_factor, share_, order, wrapped, live(), team_);
+    set_shares();
     if (lost > 0)
         throw Error(ExitCode::run_failed,
                     fmt::format("{} bonds were stretched beyond the candidate list at step {}: take "

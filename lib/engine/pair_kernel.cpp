@@ -55,7 +55,7 @@ void PairColumns::reorder(std::span<const std::uint32_t> previous, const KernelT
 }
 
 void PairColumns::make_slots(std::size_t slots, const KernelTraits& traits) {
-    stride = traits.tangential ? 8 : 4;
+    stride = traits.tangential || traits.mixed ? 8 : 4;
     if (traits.mixed)
         fit(force_single, slots * stride);
     else
@@ -258,7 +258,7 @@ KernelChoice choose_kernel(const KernelTraits& wanted, bool use_reference) {
     if (use_reference)
         return {reference, traits, "reference:" + traits.name()};
     const std::string target = simd_target();
-    return {target == "scalar" ? scalar_kernel(traits) : vector_kernel(traits), traits,
+    return {target == "scalar" ? scalar_kernel(traits) : (traits.mixed ? mixed_kernel(traits) : vector_kernel(traits)), traits,
             target + ":" + traits.name()};
 }
 

@@ -25,6 +25,8 @@ constexpr double longest_move = 0.5;
 
 bool needs_tangential(const Scene& scene) {
     bool needs = scene.material.friction > 0 || scene.bond.has_value();
+    for (const Material& other : scene.more_materials)
+        needs = needs || other.friction > 0;
     for (const PlaneWall& wall : scene.walls)
         needs = needs || wall.material.friction > 0;
     return needs;
@@ -84,7 +86,7 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
                     {ExactSum(scale), ExactSum(scale), ExactSum(scale), 0, {}, ExactSum(record_scale())});
     advanced_.resize(static_cast<std::size_t>(team.size()));
 
-    rebuild();
+    rebuild(true);
     set_initial_contacts();
     compute_forces(0);
     // Velocities are kept at half steps; the given ones belong to the start.
@@ -96,8 +98,11 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
             p.velocity[row].set(p.velocity[row].vec() - half * a);
             p.angular_velocity[row].set(p.angular_velocity[row].vec() - half * alpha);
             p.half_kick[row] = HalfKick(half * a, (half * p.position[row].w) * alpha);
+            if (kernel_.traits.mixed)
+                p.set_half_motion(row);
         }
     });
+    images_.update_ghosts(particles_, team_);
     start_potential_ = energies().potential;
     largest_energy_ = 0;
     start_energy_ = energies().total();
@@ -326,8 +331,12 @@ void Simulation::compute_forces(double history_step) {
 
 /// A force, N, that sums of forces are measured against.
 double Simulation::record_scale() const {
-    return scene_.linear_law ? scene_.linear_law->normal_stiffness * largest_radius_
-                             : scene_.material.youngs_modulus * largest_radius_ * largest_radius_;
+    if (scene_.linear_law)
+        return scene_.linear_law->normal_stiffness * largest_radius_;
+    double stiffest = scene_.material.youngs_modulus;
+    for (const Material& other : scene_.more_materials)
+        stiffest = std::max(stiffest, other.youngs_modulus);
+    return stiffest * largest_radius_ * largest_radius_;
 }
 
 /// Looks at how far the particles moved.

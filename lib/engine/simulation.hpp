@@ -123,8 +123,8 @@ public:
 private:
     /// Pairs whose forces are computed before the particles they complete are moved: 16 kB of forces.
     static constexpr std::size_t sweep_block = 256;
-    /// Blocks whose records are kept before their slots are used again: 256 kB.
-    static constexpr std::size_t ring_blocks = 16;
+    /// Blocks whose records are kept before their slots are used again: 512 kB.
+    static constexpr std::size_t ring_blocks = 32;
 
     void load(const Grains& grains);
     void make_constants();
@@ -162,7 +162,7 @@ private:
     void set_shares();
     void take_close_list();
     void adapt_skins(bool outer);
-    void rebuild();
+    void rebuild(bool all_bonds);
     void refresh(double displaced);
     search::CandidateList::Live live() const;
     void compute_forces(double history_step);

@@ -155,7 +155,7 @@ void Simulation::restore(const SavedState& s) {
     // The start's contacts are not ours.
     std::fill(pairs_.state.begin(), pairs_.state.end(), std::uint8_t{0});
     intact_bonds_ = 0;
-    rebuild();
+    rebuild(true);
     find_contacts_again(s);
 
     // Pair forces are needed for reports only: compute them on a copy of the history, which stays as saved.

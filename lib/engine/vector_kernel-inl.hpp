@@ -91,6 +91,43 @@ HWY_INLINE LaneConstants<V> gathered_constants(const PairWork& work, const searc
     return {hn::Load(d, a[0]), hn::Load(d, a[1]), hn::Load(d, a[2]), hn::Load(d, a[3]), hn::Load(d, a[4])};
 }
 
+/// Prefetches what the pairs some way ahead read of their particles.
+template <class... Columns>
+HWY_INLINE void prefetch_pairs(const PairWork& work, std::size_t k, const Columns*... columns) {
+    const std::size_t last = work.candidates.size() - 1;
+    for (std::size_t l = 0; l < lanes; ++l) {
+        const search::Candidate next = work.candidates.data()[std::min(k + prefetch_distance + l, last)];
+        for (const std::uint32_t row : {next.i, next.j})
+            (__builtin_prefetch(columns + row), ...);
+    }
+}
+
+/// Calls instantiate.template operator()<F, OneSize, Materials>() for these traits.
+template <class F, class Instantiate>
+PairKernel by_sizes(const KernelTraits& t, Instantiate instantiate) {
+    if (t.materials)
+        return instantiate.template operator()<F, false, true>();
+    return t.one_size ? instantiate.template operator()<F, true, false>()
+                      : instantiate.template operator()<F, false, false>();
+}
+template <class Instantiate>
+PairKernel by_traits(const KernelTraits& t, Instantiate instantiate) {
+    using contact::Features;
+    if (t.linear)
+        return t.tangential ? (t.offsets ? by_sizes<Features<true, false, true, true>>(t, instantiate)
+                                         : by_sizes<Features<true, false, false, true>>(t, instantiate))
+                            : (t.offsets ? by_sizes<Features<false, false, true, true>>(t, instantiate)
+                                         : by_sizes<Features<false, false, false, true>>(t, instantiate));
+    if (t.bonds)
+        return t.offsets ? by_sizes<Features<true, true, true>>(t, instantiate)
+                         : by_sizes<Features<true, true, false>>(t, instantiate);
+    if (t.tangential)
+        return t.offsets ? by_sizes<Features<true, false, true>>(t, instantiate)
+                         : by_sizes<Features<true, false, false>>(t, instantiate);
+    return t.offsets ? by_sizes<Features<false, false, true>>(t, instantiate)
+                     : by_sizes<Features<false, false, false>>(t, instantiate);
+}
+
 template <class F, bool OneSize, bool Materials>
 void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tally& tally) {
     const D d;
@@ -114,16 +151,10 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
 
     for (std::size_t k = begin; k < end; k += lanes) {
         const search::Candidate* const c = work.candidates.data() + k;
-        for (std::size_t l = 0; l < lanes; ++l) { // beyond the list's end: its padding repeats the last pair
-            const search::Candidate next =
-                work.candidates.data()[std::min(k + prefetch_distance + l, work.candidates.size() - 1)];
-            for (const std::uint32_t row : {next.i, next.j}) {
-            __builtin_prefetch(position + row);
-            __builtin_prefetch(velocity + row);
-            if constexpr (F::tangential)
-                __builtin_prefetch(angular_velocity + row);
-            __builtin_prefetch(half_kick + row); }
-        }
+        if constexpr (F::tangential)
+            prefetch_pairs(work, k, position, velocity, half_kick, angular_velocity);
+        else
+            prefetch_pairs(work, k, position, velocity, half_kick);
         std::array<Quad, lanes> quads, products;
         for (std::size_t l = 0; l < lanes; ++l) {
             const Quad xi = load_quad(&position[c[l].i].x), xj = load_quad(&position[c[l].j].x);

@@ -12,25 +12,15 @@ HWY_BEFORE_NAMESPACE();
 namespace talus::engine {
 namespace HWY_NAMESPACE {
 
-template <class F>
-PairKernel by_sizes(const KernelTraits& t) {
-    if (t.materials)
-        return vector_pairs<F, false, true>;
-    return t.one_size ? vector_pairs<F, true, false> : vector_pairs<F, false, false>;
-}
+struct InDouble {
+    template <class F, bool OneSize, bool Materials>
+    PairKernel operator()() const {
+        return vector_pairs<F, OneSize, Materials>;
+    }
+};
 
-PairKernel choose_vector_kernel(const KernelTraits& t) {
-    using contact::Features;
-    if (t.linear)
-        return t.tangential ? (t.offsets ? by_sizes<Features<true, false, true, true>>(t)
-                                         : by_sizes<Features<true, false, false, true>>(t))
-                            : (t.offsets ? by_sizes<Features<false, false, true, true>>(t)
-                                         : by_sizes<Features<false, false, false, true>>(t));
-    if (t.bonds)
-        return t.offsets ? by_sizes<Features<true, true, true>>(t) : by_sizes<Features<true, true, false>>(t);
-    if (t.tangential)
-        return t.offsets ? by_sizes<Features<true, false, true>>(t) : by_sizes<Features<true, false, false>>(t);
-    return t.offsets ? by_sizes<Features<false, false, true>>(t) : by_sizes<Features<false, false, false>>(t);
+PairKernel choose_vector_kernel(const KernelTraits& traits) {
+    return by_traits(traits, InDouble{});
 }
 
 } // namespace HWY_NAMESPACE

@@ -55,6 +55,8 @@ void PeriodicImages::copy_to_ghost(ParticleColumns& p, std::size_t ghost) const 
     p.velocity[row] = p.velocity[owner];
     p.angular_velocity[row] = p.angular_velocity[owner];
     p.half_kick[row] = p.half_kick[owner];
+    if (!p.half_motion.empty())
+        p.half_motion[row] = p.half_motion[owner];
 }
 
 void PeriodicImages::make_ghosts(ParticleColumns& p, double reach) const {
@@ -84,11 +86,19 @@ void PeriodicImages::make_ghosts(ParticleColumns& p, double reach) const {
         }
     }
     const std::size_t rows = p.owned + p.ghosts();
-    p.position.resize(rows);
-    p.velocity.resize(rows);
-    p.angular_velocity.resize(rows);
-    p.half_kick.resize(rows);
-    p.id.resize(rows);
+    // Some room to spare: the number of ghosts changes a little from list to list.
+    const auto grow = [rows](auto& column) {
+        if (rows > column.capacity())
+            column.reserve(rows + rows / 32);
+        column.resize(rows);
+    };
+    grow(p.position);
+    grow(p.velocity);
+    grow(p.angular_velocity);
+    grow(p.half_kick);
+    grow(p.id);
+    if (!p.half_motion.empty())
+        grow(p.half_motion);
     if (!p.material.empty()) {
         p.material.resize(rows);
         for (std::size_t g = 0; g < p.ghosts(); ++g)

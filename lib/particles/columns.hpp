@@ -37,6 +37,14 @@ struct alignas(32) HalfKick {
     Vec3 spin() const { return {sx, sy, sz}; }
 };
 
+/// What the pair loop of mixed precision reads instead of `velocity` and `angular_velocity`.
+struct alignas(32) HalfMotion {
+    float vx = 0, vy = 0, vz = 0; ///< m s-1 at the last half step
+    float mass = 0;               ///< kg
+    float sx = 0, sy = 0, sz = 0; ///< m s-1, radius times angular velocity
+    float inverse_radius = 0;     ///< 1/m
+};
+
 /// The engine's particles, column by column. Rows [0, owned) are this domain's own, in a space-filling order;
 /// rows [owned, size) are ghosts: periodic images (later also copies from other ranks) of owned rows.
 struct ParticleColumns {
@@ -44,6 +52,7 @@ struct ParticleColumns {
     Column<Record> velocity;         ///< m s-1 at the last half step; w: mass, kg
     Column<Record> angular_velocity; ///< rad s-1 at the last half step; w: moment of inertia, kg m2
     Column<HalfKick> half_kick;      ///< from the half step on to the next full step (prediction)
+    Column<HalfMotion> half_motion;  ///< with mixed precision only
     std::vector<std::uint64_t> id;   ///< global id = row in every file
     std::vector<std::uint8_t> material; ///< index into the scene's materials; empty where there is one
 
@@ -53,6 +62,13 @@ struct ParticleColumns {
 
     std::vector<std::uint32_t> ghost_owner;              ///< owned row of each ghost
     std::vector<std::array<std::int8_t, 3>> ghost_shift; ///< box lengths to add to the owner's position
+
+    /// Brings half_motion of a row up to its velocities.
+    void set_half_motion(std::size_t row) {
+        const Record &x = position[row], &v = velocity[row], &w = angular_velocity[row];
+        half_motion[row] = {float(v.x),       float(v.y),       float(v.z),       float(v.w),
+                            float(x.w * w.x), float(x.w * w.y), float(x.w * w.z), float(1 / x.w)};
+    }
 
     std::size_t owned = 0;
     std::size_t size() const { return position.size(); }

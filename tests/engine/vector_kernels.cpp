@@ -19,7 +19,7 @@ struct Pairs {
     ConstantsTable constants;
 };
 
-Pairs random_pairs(const KernelTraits& traits, std::size_t count, std::uint64_t seed) {
+Pairs random_pairs(const KernelTraits& traits, std::size_t count, std::uint64_t seed, bool coincident) {
     Philox random(seed);
     const auto u = [&] { return 2 * random.uniform() - 1; };
     const auto vec = [&](double scale) { return scale * Vec3{u(), u(), u()}; };
@@ -51,7 +51,7 @@ Pairs random_pairs(const KernelTraits& traits, std::size_t count, std::uint64_t 
         const double touch = p.position[i].w + p.position[j].w;
         p.position[i].set(vec(1));
         p.position[j].set(p.position[i].vec() + (touch + 2e-4 * (u() - 0.3)) * direction);
-        if (k == 7) // exactly on top of each other
+        if (coincident && k == 7) // exactly on top of each other
             p.position[j].set(p.position[i].vec());
         out.candidates.push_back({i, j});
         contact::History h;
@@ -134,19 +134,24 @@ double rounding_of_overlap(const Pairs& given, std::size_t k) {
 
 void compare(const KernelTraits& traits, double least_tolerance) {
     constexpr std::size_t count = 1003;
+    ThreadTeam team(1);
     for (const std::uint64_t seed : {1u, 2u, 3u, 4u})
         for (const double step : {1e-5, 0.0}) {
-            const Pairs given = random_pairs(traits, count, seed);
             KernelTraits exact = traits;
             exact.mixed = false;
+            const Pairs given = random_pairs(exact, count, seed, !traits.mixed);
             const Outcome slow = run(choose_kernel(exact, true), given, count, step);
             const KernelChoice kernel = choose_kernel(traits, false);
             Pairs mine = given;
-            if (traits.mixed)
-                mine = [&] {
-                    Pairs single = random_pairs(traits, count, seed);
-                    return single;
-                }();
+            if (traits.mixed) { // the same in other columns
+                mine.start = {};
+                mine.start.reorder(std::vector<std::uint32_t>(count, search::no_candidate), traits, team);
+                for (std::size_t k = 0; k < count; ++k)
+                    mine.start.store(k, given.start.load(k));
+                mine.particles.half_motion.resize(mine.particles.owned);
+                for (std::size_t row = 0; row < mine.particles.owned; ++row)
+                    mine.particles.set_half_motion(row);
+            }
             const Outcome fast = run(kernel, mine, count, step);
             SCOPED_TRACE(kernel.name);
             std::size_t active = 0, different = 0;
@@ -164,13 +169,13 @@ void compare(const KernelTraits& traits, double least_tolerance) {
                 const double tolerance = least_tolerance + rounding_of_overlap(given, k);
                 EXPECT_LT(norm(fast.pairs.force_in(k) - slow.pairs.force_in(k)), tolerance * scale) << k;
                 EXPECT_LT(norm(a.tangential_displacement - b.tangential_displacement),
-                          tolerance * (norm(b.tangential_displacement) + 3e-6)) // 0.3 m/s, one step
+                          tolerance * (norm(b.tangential_displacement) + 1e-5)) // as before the step
                     << k;
                 for (std::size_t d = 3; d < fast.pairs.stride; ++d) {
                     const std::size_t at = k * fast.pairs.stride + d;
                     const double value = traits.mixed ? fast.pairs.force_single[at] : fast.pairs.force[at];
-                    EXPECT_NEAR(value, slow.pairs.force[at],
-                                tolerance * (std::abs(slow.pairs.force[at]) + scale))
+                    const double exactly = d < slow.pairs.stride ? slow.pairs.force[k * slow.pairs.stride + d] : 0;
+                    EXPECT_NEAR(value, exactly, tolerance * (std::abs(exactly) + scale))
                         << k << " " << d;
                 }
                 active += (a.state & contact::contact_active) != 0;
@@ -198,6 +203,13 @@ protected:
 TEST_P(OnTarget, EveryInstantiationEqualsTheReference) {
     for (const KernelTraits& traits : all_traits())
         compare(traits, 1e-12);
+}
+
+TEST_P(OnTarget, EveryMixedInstantiationIsNearTheReference) {
+    for (KernelTraits traits : all_traits()) {
+        traits.mixed = true;
+        compare(traits, 8e-6); // some dozens of roundings of 6e-8
+    }
 }
 
 TEST_P(OnTarget, NamesItself) {

@@ -160,9 +160,12 @@ void SceneSettings::check() const {
                          "found a value above zero without contact.normal_damping, expected both or neither");
     if (linear && settings_.given("bond"))
         settings_.reject("contact.law", "found \"linear\" and a bond, expected \"hertz-mindlin\" with bonds");
-    for (const char* key : {"normal_stiffness", "tangential_stiffness", "normal_damping", "tangential_damping"})
-        if (!linear && settings_.given(std::string("contact.") + key))
-            settings_.reject(std::string("contact.") + key,
+    for (const auto& [key, value] : {std::pair{"contact.normal_stiffness", linear_.normal_stiffness},
+                                     {"contact.tangential_stiffness", linear_.tangential_stiffness},
+                                     {"contact.normal_damping", linear_.normal_damping},
+                                     {"contact.tangential_damping", linear_.tangential_damping}})
+        if (!linear && value > 0)
+            settings_.reject(key,
                              "found a value, but contact.law is \"hertz-mindlin\", expected it with \"linear\"");
     if (settings_.given("box"))
         for (int k = 0; k < 3; ++k)

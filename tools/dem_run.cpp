@@ -210,6 +210,7 @@ int main(int argc, char** argv) {
         statics.mass = start.grains.mass;
         statics.species = start.grains.species;
         statics.release = start.grains.release;
+        statics.material = start.grains.material;
         const Vec3 shift = settings.float64 ? Vec3{} : dem_run::output_shift(start.grains);
         statics.origin = start.grains.origin + shift;
         statics.coordinate_system = start.grains.coordinate_system;

@@ -90,6 +90,19 @@ std::vector<Species> read_species(const hdf::Group& group) {
     return species;
 }
 
+std::vector<std::uint8_t> read_material(const hdf::Group& group) {
+    const std::vector<std::int32_t> numbers = read_integers(group, "material");
+    std::vector<std::uint8_t> material(numbers.size());
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+        if (numbers[i] < 0 || numbers[i] > 255)
+            group.context().fail(
+                group.path("material"),
+                fmt::format("row {} is {}; the number of a material, 0 to 255, was expected", i, numbers[i]));
+        material[i] = static_cast<std::uint8_t>(numbers[i]);
+    }
+    return material;
+}
+
 ContactTable read_contacts(const hdf::Group& root) {
     ContactTable contacts;
     if (!root.has("connectivity/contacts"))

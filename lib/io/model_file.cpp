@@ -43,11 +43,13 @@ std::string write_explicit(const hdf::File& to, const std::string& path, const G
         shown.push_back(
             {.name = "species", .path = where + "species", .rows = n, .number = "UChar", .precision = 1});
     }
-    if (!grains.release.empty()) {
-        particles.write("release", grains.release, {.filter = compressed});
-        shown.push_back(
-            {.name = "release", .path = where + "release", .rows = n, .number = "UChar", .precision = 1});
-    }
+    for (const auto& [name, column] :
+         {std::pair{"release", &grains.release}, std::pair{"material", &grains.material}})
+        if (!column->empty()) {
+            particles.write(name, *column, {.filter = compressed});
+            shown.push_back(
+                {.name = name, .path = where + name, .rows = n, .number = "UChar", .precision = 1});
+        }
     if (grains.contacts.size() > 0)
         write_contacts(root, grains.contacts);
     return xdmf_points(path, "particles", shown);
@@ -93,6 +95,8 @@ Grains read_explicit(const hdf::File& from) {
     if (particles.has("release"))
         for (const std::int32_t mark : read_integers(particles, "release"))
             grains.release.push_back(mark != 0);
+    if (particles.has("material"))
+        grains.material = read_material(particles);
     grains.box = read_box(particles);
     grains.contacts = read_contacts(root);
     fill_overlaps(grains);

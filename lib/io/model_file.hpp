@@ -28,7 +28,7 @@ void write_model(const std::string& path, const ModelFile& file, bool overwrite)
 /// /particles/all/position as a dataset [N][3] or a {step, time, value} group (its last frame), radius [N];
 /// strings of fixed or variable length. Absent optional columns stay empty.
 /// Checked: checksums, lengths, finite positions and velocities, positive radii and masses, known species,
-/// contacts 0 <= i < j < size, and that tiles, counts and masks agree.
+/// material numbers 0 to 255, contacts 0 <= i < j < size, and that tiles, counts and masks agree.
 /// @throws Error input_invalid naming file, place and cure.
 ModelFile read_model(const std::string& path);
 

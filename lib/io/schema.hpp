@@ -58,6 +58,7 @@ std::vector<Vec3> read_vectors(const hdf::Group& group, const std::string& name)
 std::vector<double> read_scalars(const hdf::Group& group, const std::string& name);
 std::vector<std::int32_t> read_integers(const hdf::Group& group, const std::string& name);
 std::vector<Species> read_species(const hdf::Group& group);
+std::vector<std::uint8_t> read_material(const hdf::Group& group);
 /// Columns that are absent: image zero; the overlap stays empty where it is absent.
 ContactTable read_contacts(const hdf::Group& root);
 std::optional<Box> read_box(const hdf::Group& particles);

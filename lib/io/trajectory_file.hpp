@@ -18,14 +18,15 @@ namespace talus::io {
 
 /// What stays the same over a trajectory; row i is particle i. Empty columns are not written.
 struct TrajectoryStatic {
-    std::vector<double> radius;        ///< m
-    std::vector<double> mass;          ///< kg
-    std::vector<Species> species;      ///< empty: all grain
-    std::vector<std::uint8_t> release; ///< 1: released mass; empty: none
-    Vec3 origin;                       ///< m, of the local coordinates in the map's system
-    std::string coordinate_system;     ///< WKT; empty: none
-    Box box;                           ///< m, relative to `origin`
-    bool float64 = false;              ///< vectors of frames in f64 instead of f32
+    std::vector<double> radius;         ///< m
+    std::vector<double> mass;           ///< kg
+    std::vector<Species> species;       ///< empty: all grain
+    std::vector<std::uint8_t> release;  ///< 1: released mass; empty: none
+    std::vector<std::uint8_t> material; ///< index into the scene's materials; empty: all 0
+    Vec3 origin;                        ///< m, of the local coordinates in the map's system
+    std::string coordinate_system;      ///< WKT; empty: none
+    Box box;                            ///< m, relative to `origin`
+    bool float64 = false;               ///< vectors of frames in f64 instead of f32
 
     std::size_t size() const { return radius.size(); }
 };

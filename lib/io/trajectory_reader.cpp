@@ -42,6 +42,10 @@ struct TrajectoryReader::State {
                 statics.release.push_back(mark != 0);
             check_length(context(), "/particles/all/release", statics.release.size(), n);
         }
+        if (group.has("material")) {
+            statics.material = read_material(group);
+            check_length(context(), "/particles/all/material", statics.material.size(), n);
+        }
         statics.origin = read_origin(group);
         statics.coordinate_system = position.text("coordinate_system").value_or("");
         statics.float64 = position.integer("float64").value_or(0) == 1;

@@ -104,8 +104,9 @@ struct TrajectoryWriter::State {
             particles.write("mass", statics.mass, {.unit = "kg", .filter = compressed});
         if (!statics.species.empty())
             write_species(particles, statics.species);
-        if (!statics.release.empty())
-            particles.write("release", statics.release, {.filter = compressed});
+        for (const auto& [name, column] : labels())
+            if (!column->empty())
+                particles.write(name, *column, {.filter = compressed});
 
         // MDAnalysis looks for edges that depend on time, so they do; step and time are those of position.
         const hdf::Group position = particles.create_group("position");
@@ -128,6 +129,11 @@ struct TrajectoryWriter::State {
         file.flush();
     }
 
+    /// Columns of a byte per particle, by their names in the file.
+    std::array<std::pair<std::string, const std::vector<std::uint8_t>*>, 2> labels() const {
+        return {{{"release", &statics.release}, {"material", &statics.material}}};
+    }
+
     void check_statics() const {
         const std::size_t n = statics.size();
         const std::string where = "/particles/all/";
@@ -138,8 +144,9 @@ struct TrajectoryWriter::State {
         }
         if (!statics.species.empty())
             check_length(context(), where + "species", statics.species.size(), n);
-        if (!statics.release.empty())
-            check_length(context(), where + "release", statics.release.size(), n);
+        for (const auto& [name, column] : labels())
+            if (!column->empty())
+                check_length(context(), where + name, column->size(), n);
     }
 
     /// A {step, time, value} group with step and time of position.
@@ -265,9 +272,10 @@ struct TrajectoryWriter::State {
         if (!statics.species.empty())
             arrays.push_back(
                 {.name = "species", .path = where + "species", .rows = n, .number = "UChar", .precision = 1});
-        if (!statics.release.empty())
-            arrays.push_back(
-                {.name = "release", .path = where + "release", .rows = n, .number = "UChar", .precision = 1});
+        for (const auto& [name, column] : labels())
+            if (!column->empty())
+                arrays.push_back(
+                    {.name = name, .path = where + name, .rows = n, .number = "UChar", .precision = 1});
         return xdmf_points(output.path(), "particles", arrays, frame_times);
     }
 

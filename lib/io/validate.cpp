@@ -100,6 +100,8 @@ void check_grains(const hdf::Context& context, const Grains& grains) {
         check_length(context, group + "species", grains.species.size(), n);
     if (!grains.release.empty())
         check_length(context, group + "release", grains.release.size(), n);
+    if (!grains.material.empty())
+        check_length(context, group + "material", grains.material.size(), n);
     check_contacts(context, "/connectivity/contacts", grains.contacts, n);
 }
 

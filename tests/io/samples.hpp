@@ -117,6 +117,7 @@ inline Grains sample_grains(std::size_t n = 40) {
         grains.angular_velocity.push_back({0, x, 2 * x});
         grains.species.push_back(static_cast<Species>(i % 3));
         grains.release.push_back(i % 2);
+        grains.material.push_back(static_cast<std::uint8_t>(85 * (i % 4)));
     }
     grains.origin = {562000.25, 5117000.5, 1500};
     grains.coordinate_system = "PROJCRS[\"NAD83 / UTM zone 10N\"]";
@@ -142,9 +143,15 @@ inline TiledModel sample_tiled() {
 
 inline TrajectoryStatic sample_statics(std::size_t n = 30) {
     const Grains grains = sample_grains(n);
-    return {grains.radius,  grains.mass,   grains.species,
-            grains.release, grains.origin, grains.coordinate_system,
-            *grains.box,    false};
+    return {grains.radius,
+            grains.mass,
+            grains.species,
+            grains.release,
+            grains.material,
+            grains.origin,
+            grains.coordinate_system,
+            *grains.box,
+            false};
 }
 
 /// Position of particle i in frame f, exact in f32.

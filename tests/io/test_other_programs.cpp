@@ -87,6 +87,12 @@ for name, last in (('position', 7.0), ('velocity', 9.0)):
 )");
     EXPECT_EQ(model().position, (std::vector<Vec3>(2, {7, 7, 7})));
     EXPECT_EQ(model().velocity, (std::vector<Vec3>(2, {9, 9, 9})));
+    python(two + R"(
+e = p.create_group('material')
+e['step'] = [0, 1]; e['time'] = [0.0, 0.1]
+e['value'] = np.array([[3, 3], [0, 255]])
+)");
+    EXPECT_EQ(model().material, (std::vector<std::uint8_t>{0, 255}));
 }
 
 TEST_F(OtherPrograms, optional_columns_and_contacts) {
@@ -94,6 +100,7 @@ TEST_F(OtherPrograms, optional_columns_and_contacts) {
 p['velocity'] = np.array([[0, 0, 1], [0, 0, -1]])
 p['angular_velocity'] = np.zeros((2, 3), 'i4')
 p['mass'] = np.array([1.0, 2.0]); p['species'] = np.array([1, 0])
+p['material'] = np.array([0, 1], 'i8')
 f['connectivity/contacts'] = np.array([[0, 1]])
 b = p.create_group('box'); b.attrs['dimension'] = 3; b.attrs['boundary'] = ['periodic', 'none', 'none']
 b['edges'] = [3.0, 4.0, 5.0]
@@ -101,6 +108,7 @@ b['edges'] = [3.0, 4.0, 5.0]
     const Grains grains = model();
     EXPECT_EQ(grains.velocity[1], (Vec3{0, 0, -1}));
     EXPECT_EQ(grains.species, (std::vector<Species>{Species::fixed, Species::grain}));
+    EXPECT_EQ(grains.material, (std::vector<std::uint8_t>{0, 1}));
     ASSERT_EQ(grains.contacts.size(), 1u);
     EXPECT_EQ(grains.contacts.normal_overlap[0], 0.0); // 0.5 + 0.75 - 1.25, measured
     EXPECT_EQ(grains.contacts.image[0], (std::array<std::int8_t, 3>{0, 0, 0}));
@@ -130,6 +138,9 @@ TEST_F(OtherPrograms, invalid_models) {
         {"p['velocity'] = np.full((2, 3), np.inf)", {"/particles/all/velocity", "row 0"}},
         {"p['velocity'] = np.zeros((1, 3))", {"/particles/all/velocity", "1 rows"}},
         {"p['species'] = [0, 3]", {"/particles/all/species", "row 1", "3"}},
+        {"p['material'] = [0, 256]", {"/particles/all/material", "row 1", "256", "0 to 255"}},
+        {"p['material'] = [-1, 0]", {"/particles/all/material", "row 0", "-1"}},
+        {"p['material'] = [0, 1, 0]", {"/particles/all/material", "3 rows", "2"}},
         {"f['connectivity/contacts'] = [[1, 0]]", {"/connectivity/contacts", "contact 0"}},
         {"f['connectivity/contacts'] = [[0, 2]]", {"/connectivity/contacts", "0 <= i < j < 2"}},
         {"f['connectivity/contacts'] = [[0, 1]]; f['granular/contacts/image'] = np.zeros((2, 3), 'i1')",
@@ -219,7 +230,7 @@ for name, n in (('a.model', 40), ('t.model', 3), ('a & b.traj', 30)):
         values = {a.get('Name'): data(a.find('DataItem')) for a in g.iter('Attribute')}
         assert all(v.shape[0] == n for v in values.values())
         seen.setdefault(name, []).append((points, values, g.find('Time')))
-assert set(seen['a.model'][0][1]) >= {'radius', 'mass', 'velocity', 'species', 'release'}
+assert set(seen['a.model'][0][1]) >= {'radius', 'mass', 'velocity', 'species', 'release', 'material'}
 assert np.allclose(seen['t.model'][0][0][0], [-25, 25, 25])
 frames = seen['a & b.traj']
 assert len(frames) == 3 and [float(t.get('Value')) for _, _, t in frames] == [0.0, 0.1, 0.2]

@@ -76,6 +76,7 @@ TEST_F(RoundTrip, explicit_model) {
     EXPECT_EQ(back.angular_velocity, grains.angular_velocity);
     EXPECT_EQ(back.species, grains.species);
     EXPECT_EQ(back.release, grains.release);
+    EXPECT_EQ(back.material, grains.material);
     EXPECT_EQ(back.origin, grains.origin);
     EXPECT_EQ(back.coordinate_system, grains.coordinate_system);
     EXPECT_EQ(back.box, grains.box);
@@ -90,7 +91,8 @@ TEST_F(RoundTrip, smallest_explicit_model) {
     write_model(path("a.model.h5"), {grains, {}, ""}, false);
     const Grains back = std::get<Grains>(read_model(path("a.model.h5")).model);
     EXPECT_EQ(back.position, grains.position);
-    EXPECT_TRUE(back.mass.empty() && back.velocity.empty() && back.species.empty() && back.release.empty());
+    EXPECT_TRUE(back.mass.empty() && back.velocity.empty() && back.species.empty() && back.release.empty() &&
+                back.material.empty());
     EXPECT_FALSE(back.box);
 }
 
@@ -133,6 +135,7 @@ TEST_F(RoundTrip, trajectory) {
     EXPECT_EQ(reader.statics().mass, statics.mass);
     EXPECT_EQ(reader.statics().species, statics.species);
     EXPECT_EQ(reader.statics().release, statics.release);
+    EXPECT_EQ(reader.statics().material, statics.material);
     EXPECT_EQ(reader.statics().origin, statics.origin);
     EXPECT_EQ(reader.statics().coordinate_system, statics.coordinate_system);
     EXPECT_EQ(reader.statics().box, statics.box);

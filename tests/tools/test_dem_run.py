@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""dem-run: what is in a trajectory, the same bytes at any thread count, stages, and bad input."""
+"""dem-run: what is in a trajectory, the same bytes at any thread count, stages, materials, and bad input."""
 import h5py
 import numpy as np
 
@@ -143,6 +143,126 @@ class Trajectories(Scenes):
                          names=["time", "step", "allow_unstable"])
         self.ok("dem-run", "one.h5", "--time.end", "10ms", "--time.step", "1ms", "--time.allow-unstable", "-o", "c.h5")
         self.assertNotIn("b.h5", self.files())
+
+
+class Materials(Scenes):
+    """Pairs far apart, each meeting head-on at 1 m/s, of like and of different materials."""
+
+    PAIRS = ((0, 0), (1, 1), (0, 1), (1, 2))
+    FIRST = {"density": 1000, "youngs_modulus": 1e8, "poissons_ratio": 0.2, "restitution": 0.9, "friction": 0.5}
+    MORE = ({"density": 2500, "youngs_modulus": 4e8, "poissons_ratio": 0.3, "restitution": 0.4,
+             "friction": 0.2},
+            {"density": 4000, "friction": 0.3})
+
+    def setUp(self):
+        super().setUp()
+        kinds = np.array(self.PAIRS).ravel()
+        side = np.tile([-1.0, 1.0], len(self.PAIRS))
+        position = np.zeros((len(kinds), 3))
+        position[:, 0] = side * (RADIUS + 5e-6)
+        position[:, 2] = 0.1 * np.repeat(np.arange(len(self.PAIRS)), 2)
+        velocity = np.zeros_like(position)
+        velocity[:, 0] = -0.5 * side
+        self.model = {"position": position, "radius": [RADIUS] * len(kinds), "velocity": velocity}
+        self.materials = [{**self.FIRST, **more} for more in ({}, *self.MORE)]
+        write_model(self.folder / "pairs.h5", **self.model, material=kinds.astype("u1"))
+        self.scene_file()
+
+    def scene_file(self, **changes):
+        return self.write("scene.json", {"gravity": [0, 0, 0], "material": self.FIRST, "materials": list(self.MORE),
+                                         "contact": {"damping": "exact"}, "time": {"step": "0.5us", "end": "0.8ms"},
+                                         **changes})
+
+    def mass(self, kind):
+        return 4 / 3 * np.pi * RADIUS**3 * self.materials[kind]["density"]
+
+    def test_restitution(self):
+        """That of two materials is the geometric mean; without `materials` all would be the first's."""
+        result, value, _ = self.scene("pairs.h5", "-c", "scene.json")
+        self.assertIn("materials", result["kernel"])
+        speed = value["velocity"][-1, :, 0]
+        for k, (a, b) in enumerate(self.PAIRS):
+            nominal = np.sqrt(self.materials[a]["restitution"] * self.materials[b]["restitution"])
+            with self.subTest(a=a, b=b):
+                self.assertAlmostEqual(speed[2 * k + 1] - speed[2 * k], nominal, delta=3e-3)
+                centre = (self.mass(b) - self.mass(a)) / (self.mass(b) + self.mass(a)) * -0.5
+                moved = (self.mass(a) * speed[2 * k] + self.mass(b) * speed[2 * k + 1]) / (self.mass(a) + self.mass(b))
+                self.assertAlmostEqual(moved, centre, delta=1e-9)
+        with h5py.File(self.folder / "run.h5", "r") as file:
+            self.assertEqual(file["particles/all/material"][:].tolist(), [k for pair in self.PAIRS for k in pair])
+        self.assertIn("/particles/all/material", check_xdmf(self, self.folder / "run.xdmf")[0])
+
+    def test_duration_and_friction(self):
+        """Undamped: contact time 2.9432752 delta/v and greatest overlap after Hertz; spinning fast enough to slide
+        throughout: the impulse along the surface is mu times that across, mu the smaller one."""
+        for more in self.materials:
+            more["restitution"] = 1
+        write_model(self.folder / "spin.h5", **self.model, material=np.array(self.PAIRS).ravel(),
+                    angular_velocity=np.tile([0.0, 0.0, 400.0], (2 * len(self.PAIRS), 1)))
+        self.scene_file(material=self.materials[0], materials=[{**more, "restitution": 1} for more in self.MORE])
+        for kernel in ("specialised", "reference"):
+            _, value, t = self.scene("spin.h5", "-c", "scene.json", "--kernel", kernel,
+                                     "--output.frame-interval", "0.5us")
+            for k, (a, b) in enumerate(self.PAIRS):
+                first, second = self.materials[a], self.materials[b]
+                compliance = sum((1 - m["poissons_ratio"]**2) / m["youngs_modulus"] for m in (first, second))
+                stiffness = 4 / 3 / compliance * np.sqrt(RADIUS / 2)
+                mass = self.mass(a) * self.mass(b) / (self.mass(a) + self.mass(b))
+                greatest = (5 * mass / (4 * stiffness))**0.4
+                branch = value["position"][:, 2 * k + 1] - value["position"][:, 2 * k]
+                overlap = 2 * RADIUS - np.linalg.norm(branch, axis=1)
+                touching = t[overlap > 0]
+                change = value["velocity"][-1, 2 * k] - value["velocity"][0, 2 * k]
+                with self.subTest(kernel=kernel, a=a, b=b):
+                    self.assertAlmostEqual(overlap.max() / greatest, 1, delta=5e-3)
+                    self.assertAlmostEqual((touching[-1] - touching[0]) / (2.9432752 * greatest), 1, delta=1e-2)
+                    self.assertAlmostEqual(abs(change[1] / change[0]), min(first["friction"], second["friction"]),
+                                           delta=1e-2)
+
+    def test_left_out_is_the_first_one(self):
+        """A list that changes nothing is the run without it; units, and what --print-config shows."""
+        write_model(self.folder / "plain.h5", **self.model)
+        more = [{"density": "1g/cm3", "youngs_modulus": "100MPa"}, {"friction": "auto"}]
+        self.scene_file(materials=more)
+        _, same, _ = self.scene("pairs.h5", "-c", "scene.json")
+        shown = self.ok("dem-run", "pairs.h5", "-c", "scene.json", "--print-config").json["materials"]
+        self.assertEqual([list(one) for one in shown], [list(one) for one in more], "what was given")
+        self.scene_file(materials=shown)
+        _, again, _ = self.scene("pairs.h5", "-c", "scene.json")
+        self.write("one.json", {"gravity": [0, 0, 0], "material": self.FIRST, "contact": {"damping": "exact"},
+                                "time": {"step": "0.5us", "end": "0.8ms"}})
+        _, plain, _ = self.scene("plain.h5", "-c", "one.json")
+        with h5py.File(self.folder / "run.h5", "r") as file:
+            self.assertNotIn("material", file["particles/all"])
+        for name in plain:
+            np.testing.assert_array_equal(same[name], again[name])
+            np.testing.assert_allclose(same[name], plain[name], rtol=1e-9, atol=1e-9)
+
+    def test_refusals(self):
+        self.scene_file(materials=[self.MORE[0]])
+        self.fails(INPUT, "dem-run", "pairs.h5", "-c", "scene.json", "-o", "x.h5",
+                   names=["pairs.h5", "particle 7", "material", "number 2", "`materials`"])
+        for number in (-1, 256):
+            write_model(self.folder / "wrong.h5", **self.model, material=[0] * 7 + [number])
+            self.fails(INPUT, "dem-run", "wrong.h5", "-c", "scene.json", "-o", "x.h5",
+                       names=["wrong.h5", "/particles/all/material", "row 7", number, "0 to 255"])
+        write_model(self.folder / "wrong.h5", **self.model, material=[0] * 7)
+        self.fails(INPUT, "dem-run", "wrong.h5", "-c", "scene.json", "-o", "x.h5",
+                   names=["wrong.h5", "/particles/all/material", "7 rows"])
+        self.scene_file(materials=[{}] * 256)
+        linear = {"law": "linear", "normal_stiffness": 1e4, "tangential_stiffness": 1e4}
+        for changes, patterns in (
+                ({"materials": [{}] * 256}, ["/materials: found 256 materials, expected at most 255"]),
+                ({"contact": linear}, ['/materials: found .*"linear", expected .*"hertz-mindlin"']),
+                ({"materials": [{"densty": 1}, {"youngs_modulus": 0}]},
+                 ['/materials/0/densty: .*"density"', "/materials/1/youngs_modulus: found 0, expected "])):
+            self.scene_file(**changes)
+            got = self.run_tool("dem-run", "pairs.h5", "-c", "scene.json", "-o", "x.h5")
+            self.assertEqual(got.code, CONFIGURATION, str(got))
+            self.assertEqual(len(got.err.splitlines()), len(patterns), str(got))
+            for pattern in patterns:
+                self.assertRegex(got.err, r"scene\.json:\d+:\d+: error: " + pattern)
+        self.assertNotIn("x.h5", self.files())
 
 
 class DemRun(ReadsInput, Scenes):

@@ -157,6 +157,27 @@ class Interruptions(Scenes):
                 self.assertIn(got.code, (CONFIGURATION, INPUT), str(got))
                 self.assertEqual(len(got.err.splitlines()), 1, str(got))
 
+    def test_several_materials(self):
+        """Which grain is of which material survives, and going on with others is refused."""
+        def label(numbers):
+            return lambda file: file["particles/all"].create_dataset(
+                "material", data=numbers(len(file["particles/all/radius"])).astype("u1"))
+
+        copy_with(self.made / "model.h5", self.folder / "model.h5", label(lambda n: np.arange(n) % 2))
+        copy_with(self.made / "model.h5", self.folder / "other.h5", label(lambda n: np.arange(n) // 2 % 2))
+        scene = {"material": {"friction": 0.4}, "time": {"step": "4us", "end": "0.4s"},
+                 "materials": [{"density": 3000, "youngs_modulus": "300MPa", "friction": 0.1}],
+                 "walls": [{"name": "floor", "plane": {"point": [0, 0, -0.02], "normal": [0, 0, 1]}}],
+                 "output": {"frame_interval": "50ms", "series_interval": "10ms"}}
+        self.write("scene.json", scene)
+        self.ok("dem-run", *self.arguments("whole.h5"), "--overwrite")
+        got = self.run_tool("dem-run", *self.arguments(), "--max-wall", "0.25s")
+        self.assertEqual(got.code, STOPPED, str(got))
+        self.fails(INPUT, "dem-run", "other.h5", *self.arguments()[1:], "--resume", "auto", names="another model")
+        self.fails(CONFIGURATION, "dem-run", *self.arguments(), "--set", "materials=[{}]", "--resume", "auto",
+                   names="/materials/0")
+        self.resume_and_compare()
+
     def test_resume_without_a_checkpoint(self):
         self.ok("dem-run", *self.arguments(), "--resume", "auto", "--set", 'stages=[{"end": 0.01}]')
 

@@ -124,7 +124,7 @@ void check_same_run(const io::CheckpointFile& file, const std::string& path, con
                     const std::string& config) {
     const Grains before = unpack_grains(file);
     if (before.position != grains.position || before.radius != grains.radius ||
-        before.species != grains.species)
+        before.species != grains.species || before.material != grains.material)
         throw Error(ExitCode::input_invalid,
                     path +
                         ": the checkpoint belongs to another model; remove it, or resume with its own model");

@@ -7,6 +7,10 @@ namespace talus::dem_run {
 
 using cli::Unit;
 
+namespace {
+constexpr std::size_t most_materials = 255; ///< besides `material`: the numbers in a model are bytes
+}
+
 SceneSettings::SceneSettings(cli::Settings& s) : settings_(s) {
     s.vec3("gravity", scene_.gravity, Unit::acceleration, "acceleration of gravity");
     Material& m = scene_.material;
@@ -19,6 +23,7 @@ SceneSettings::SceneSettings(cli::Settings& s) : settings_(s) {
              {0, 1, true, false});
     s.number("material.friction", m.friction, Unit::none, "Coulomb friction between grains",
              cli::not_negative);
+    add_materials();
 
     s.optional_section("bond", "bonds between grains; absent: none, and nothing spent on them");
     s.number("bond.bond_pressure", bond_.bond_pressure, Unit::pressure, "tensile strength P_b",
@@ -79,6 +84,24 @@ SceneSettings::SceneSettings(cli::Settings& s) : settings_(s) {
     s.flag("output.float64", float64, "frames in double precision");
     add_stages();
     s.check([this] { check(); });
+}
+
+void SceneSettings::add_materials() {
+    settings_.objects(
+        "materials",
+        [this](std::size_t index, cli::Settings& e) {
+            while (materials_.size() <= index)
+                materials_.push_back(std::make_unique<MaterialText>());
+            MaterialText& m = *materials_[index];
+            e.optional_number("density", m.density, Unit::density, "auto: material's", cli::positive);
+            e.optional_number("youngs_modulus", m.youngs_modulus, Unit::pressure, "auto: material's",
+                              cli::positive);
+            e.optional_number("poissons_ratio", m.poissons_ratio, Unit::none, "auto: material's", {0, 0.5});
+            e.optional_number("restitution", m.restitution, Unit::none, "auto: material's",
+                              {0, 1, true, false});
+            e.optional_number("friction", m.friction, Unit::none, "auto: material's", cli::not_negative);
+        },
+        "of grains with the material number 1, 2, ... in the model; what is left out is material's");
 }
 
 void SceneSettings::add_walls() {
@@ -160,6 +183,13 @@ void SceneSettings::check() const {
                          "found a value above zero without contact.normal_damping, expected both or neither");
     if (linear && settings_.given("bond"))
         settings_.reject("contact.law", "found \"linear\" and a bond, expected \"hertz-mindlin\" with bonds");
+    if (linear && !materials_.empty())
+        settings_.reject(
+            "materials",
+            "found materials, but contact.law is \"linear\", expected them with \"hertz-mindlin\"");
+    if (materials_.size() > most_materials)
+        settings_.reject("materials", fmt::format("found {} materials, expected at most {}",
+                                                  materials_.size(), most_materials));
     for (const auto& [key, value] : {std::pair{"contact.normal_stiffness", linear_.normal_stiffness},
                                      {"contact.tangential_stiffness", linear_.tangential_stiffness},
                                      {"contact.normal_damping", linear_.normal_damping},
@@ -204,6 +234,15 @@ engine::Scene SceneSettings::scene() const {
         scene.linear_law = linear_;
     scene.mixed_precision = precision_ == "mixed";
     scene.reference_kernel = kernel_ == "reference";
+    for (const auto& given : materials_) {
+        Material m = scene.material;
+        m.density = given->density.value_or(m.density);
+        m.youngs_modulus = given->youngs_modulus.value_or(m.youngs_modulus);
+        m.poissons_ratio = given->poissons_ratio.value_or(m.poissons_ratio);
+        m.restitution = given->restitution.value_or(m.restitution);
+        m.friction = given->friction.value_or(m.friction);
+        scene.more_materials.push_back(m);
+    }
     for (const auto& w : walls_) {
         Material m = scene.material;
         m.youngs_modulus = w->youngs_modulus.value_or(m.youngs_modulus);

@@ -28,11 +28,15 @@ private:
         Vec3 point, normal{0, 0, 1}, velocity;
         std::optional<double> youngs_modulus, poissons_ratio, restitution, friction;
     };
+    struct MaterialText {
+        std::optional<double> density, youngs_modulus, poissons_ratio, restitution, friction;
+    };
     struct StageText {
         std::string name, until, release_bonds;
         std::optional<double> limit, end, viscous;
         bool release = false;
     };
+    void add_materials();
     void add_walls();
     void add_stages();
     void check() const;
@@ -46,6 +50,7 @@ private:
     std::string law_ = "hertz-mindlin", separation_ = "tension", damping_ = "paper", lever_arm_ = "contact-point",
                 precision_ = "double", kernel_ = "specialised";
     double sleep_tolerance_ = 0;
+    std::vector<std::unique_ptr<MaterialText>> materials_;
     std::vector<std::unique_ptr<WallText>> walls_;
     std::vector<std::unique_ptr<StageText>> stages_;
 };

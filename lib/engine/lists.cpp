@@ -111,7 +111,7 @@ void Simulation::adapt_skins(bool outer) {
 
 search::CandidateList::Live Simulation::live() const {
     return {{pairs_.state.data(), list_.size()}, contact::contact_active | contact::bond_intact,
-            contact::bond_intact};
+            contact::bond_intact, {pairs_.offset.data(), pairs_.offset.empty() ? 0 : list_.size()}};
 }
 
 /// `all_bonds`: also pairs that may be bonded but are not known to be yet are close ones.

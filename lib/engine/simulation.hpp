@@ -171,6 +171,7 @@ private:
     double record_scale() const;
     AdvanceWork advance_work(const NetColumns* given, NetColumns* into);
     [[noreturn]] void stop_at_bad_particle() const;
+    void check_passing() const;
     std::string near_particles(std::size_t row) const;
     void add_viscous_power();
     std::vector<std::uint32_t> rows_by_id() const;

@@ -154,6 +154,7 @@ void Simulation::restore(const SavedState& s) {
 
     // The start's contacts are not ours.
     std::fill(pairs_.state.begin(), pairs_.state.end(), std::uint8_t{0});
+    std::fill(pairs_.offset.begin(), pairs_.offset.end(), 0.0);
     intact_bonds_ = 0;
     rebuild(true);
     find_contacts_again(s);

@@ -140,7 +140,7 @@ std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::
     std::atomic<std::size_t> lost{0};
     team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k) {
-            if (!(live.state[k] & live.mask))
+            if (!live(k))
                 continue;
             const Candidate old = candidates_[k];
             const std::uint32_t i = new_row_[owner_before(old.i)], j = new_row_[owner_before(old.j)];
@@ -184,7 +184,7 @@ void CandidateList::refresh(const ParticleColumns& p, std::span<const float> sha
     std::fill(previous_of_outer_.begin(), previous_of_outer_.end(), no_candidate);
     team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k)
-            if (live.state[k] & live.mask)
+            if (live(k))
                 previous_of_outer_[outer_of_[k]] = static_cast<std::uint32_t>(k);
     });
     select(p, 1, share, team);

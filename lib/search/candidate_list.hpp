@@ -43,11 +43,16 @@ public:
     /// Candidates that vector code may read beyond the last one (repetitions of it).
     static constexpr std::size_t padding = 32;
 
-    /// Which pairs of the present close list carry history: those with state & mask. Those with state & bound may
-    /// not go beyond the outer list's reach; the others have parted where they do.
+    /// Which pairs of the present close list carry history: those with state & mask, or with an offset (which may
+    /// be empty: none has). Those with state & bound may not go beyond the outer list's reach; the others have
+    /// parted where they do.
     struct Live {
         std::span<const std::uint8_t> state;
         std::uint8_t mask = 0xff, bound = 0;
+        std::span<const double> offset = {};
+        bool operator()(std::size_t k) const {
+            return (state[k] & mask) != 0 || (!offset.empty() && offset[k] != 0);
+        }
     };
 
     /// Makes both lists: outer pairs have distance < (ri + rj) factor + margin, close ones distance < (ri + rj)

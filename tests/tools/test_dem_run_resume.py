@@ -37,7 +37,7 @@ class Interruptions(Scenes):
         copy_with(self.folder / "free.h5", self.folder / "model.h5", fix)
         self.write("scene.json", {
             "material": {"friction": 0.4}, "bond": {"bond_pressure": "500Pa", "bond_friction": 1},
-            "stress_free_start": True, "time": {"step": "20us"},
+            "stress_free_start": True, "time": {"step": "3us"},
             "walls": [{"name": "floor", "plane": {"point": [0, 0, -0.02], "normal": [0, 0, 1]}}],
             "output": {"frame_interval": "50ms", "series_interval": "10ms"},
             "stages": [{"name": "fall", "end": 0.2}, {"name": "rest", "end": 0.3, "damping": {"viscous": 5}}]})

@@ -22,7 +22,7 @@ struct ColumnAllocator {
     T* allocate(std::size_t n) {
         constexpr std::size_t huge = std::size_t{2} << 20;
         const std::size_t bytes = n * sizeof(T);
-        const std::size_t alignment = bytes >= 2 * huge ? huge : 64;
+        const std::size_t alignment = bytes >= huge / 2 ? huge : 64;
         void* memory = std::aligned_alloc(alignment, (bytes + alignment - 1) / alignment * alignment);
         if (memory == nullptr)
             throw std::bad_alloc();

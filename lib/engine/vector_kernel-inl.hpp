@@ -234,7 +234,7 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
         V stretch = one;
         if constexpr (F::tangential) {
             if (to_contact_point)
-                stretch = hn::Div(distance, touch);
+                stretch = OneSize ? hn::Mul(distance, hn::Set(d, 1 / (r0 + r0))) : hn::Div(distance, touch);
             Components spin, twist, spin_kick;
             if constexpr (OneSize) {
                 for (std::size_t l = 0; l < lanes; ++l)

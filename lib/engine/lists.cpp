@@ -202,7 +202,7 @@ void Simulation::find_late_rows() {
 /// time the slot is used again, else one of its own, to which it is copied.
 void Simulation::assign_slots() {
     const ParticleColumns& p = particles_;
-    fit(slot_, list_.size());
+    const std::span<std::uint32_t> slot = list_.labels();
     const std::size_t blocks = (list_.size() + sweep_block - 1) / sweep_block;
     const auto last_block = [&](std::size_t row) { // in which the row is moved
         return (std::max<std::size_t>(list_.first(row + 1), 1) - 1) / sweep_block;
@@ -215,27 +215,27 @@ void Simulation::assign_slots() {
                 const std::size_t other = p.owner(c.i) == row ? p.owner(c.j) : p.owner(c.i);
                 const bool stays = hold_[row] == 2 || hold_[other] == 2 ||
                                    (hold_[other] == 0 && last_block(other) >= k / sweep_block + ring_blocks);
-                slot_[k] = stays ? far : 0;
+                slot[k] = stays ? far : 0;
             }
     });
     far_pairs_.clear();
     far_start_.assign(blocks + 1, 0);
     const std::size_t rings = static_cast<std::size_t>(team_.size()) * ring_blocks * sweep_block;
     for (std::size_t k = 0; k < list_.size(); ++k)
-        if (slot_[k] == far) {
-            slot_[k] = static_cast<std::uint32_t>(rings + far_pairs_.size());
+        if (slot[k] == far) {
+            slot[k] = static_cast<std::uint32_t>(rings + far_pairs_.size());
             far_pairs_.push_back(static_cast<std::uint32_t>(k));
             ++far_start_[k / sweep_block + 1];
         }
     std::partial_sum(far_start_.begin(), far_start_.end(), far_start_.begin());
     for_sweep_parts([&](std::size_t begin, std::size_t end, std::size_t, std::size_t, int thread) {
         for (std::size_t k = begin; k < end; ++k)
-            if (slot_[k] == 0)
-                slot_[k] = static_cast<std::uint32_t>(
+            if (slot[k] == 0)
+                slot[k] = static_cast<std::uint32_t>(
                     first_slot(static_cast<std::size_t>(thread), k / sweep_block) + k % sweep_block);
     });
     pairs_.make_slots(rings + far_pairs_.size() + PairColumns::padding, kernel_.traits);
-    list_.relabel({slot_.data(), slot_.size()}, team_);
+    list_.relabel(team_);
 }
 
 /// What depends on the close list and comes after it.

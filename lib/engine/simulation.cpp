@@ -301,7 +301,7 @@ void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool a
             const PairWork pairs{constants_, particles_, list_.candidates(), history_step, pairs_, first_slot(t, block)};
             kernel_.run(pairs, k, done, tallies_[t]);
             for (std::size_t f = far_start_[block]; f < far_start_[block + 1]; ++f)
-                pairs_.copy_record(pairs.first_slot + far_pairs_[f] - k, slot_[far_pairs_[f]]);
+                pairs_.copy_record(pairs.first_slot + far_pairs_[f] - k, list_.labels()[far_pairs_[f]]);
             if (add_forces)
                 for (std::size_t pair = k; pair < done; ++pair)
                     if (pairs_.state[pair] & contact::contact_active)

@@ -209,7 +209,6 @@ private:
     std::vector<std::vector<std::uint32_t>> late_; ///< by thread: rows that wait for pairs of others
     NetColumns net_;                    ///< what acts at the present time, where the forces are current
     double contact_force_ = 0;          ///< N, sum over pairs of the magnitudes then
-    Column<std::uint32_t> slot_;        ///< [close pairs] of their records
     std::vector<std::uint32_t> far_pairs_;  ///< whose records outlive the ring, in rising order
     std::vector<std::size_t> far_start_;    ///< the first of each block
     std::vector<Advanced> advanced_;    ///< by thread

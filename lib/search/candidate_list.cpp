@@ -15,6 +15,9 @@ namespace {
 
 using Shift = std::array<std::int8_t, 3>;
 
+/// Of an outer pair that becomes a close one and was none.
+constexpr std::uint32_t not_before = no_candidate - 1;
+
 /// Sizes fall into classes by powers of two below the largest radius.
 std::size_t size_class(double radius, double largest) {
     return static_cast<std::size_t>(std::clamp(std::ilogb(largest / radius), 0, 15));
@@ -56,21 +59,26 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
     largest_radius_ = 0;
     for (std::size_t row = 0; row < p.owned; ++row)
         largest_radius_ = std::max(largest_radius_, p.position[row].w);
+    double smallest_radius = largest_radius_;
+    for (std::size_t row = 0; row < p.owned; ++row)
+        smallest_radius = std::min(smallest_radius, p.position[row].w);
+    const std::size_t classes = p.owned == 0 ? 0 : size_class(smallest_radius, largest_radius_) + 1;
+    std::vector<bool> has_fixed(classes, false);
+    class_rows_.resize(classes);
     for (auto& rows : class_rows_)
         rows.clear();
-    std::vector<bool> has_fixed;
-    for (std::uint32_t row = 0; row < p.size(); ++row) {
+    for (std::uint32_t row = 0; classes > 1 && row < p.size(); ++row) {
         const std::size_t c = size_class(p.position[row].w, largest_radius_);
-        if (c >= class_rows_.size())
-            class_rows_.resize(c + 1);
-        has_fixed.resize(std::max(has_fixed.size(), c + 1), false);
         class_rows_[c].push_back(row);
         has_fixed[c] = has_fixed[c] || !moves(p, row);
     }
-    points_.resize(class_rows_.size());
-    for (std::size_t c = 0; c < points_.size(); ++c) {
+    points_.resize(classes);
+    for (std::size_t c = 0; c < classes; ++c) {
         const double radius = std::ldexp(largest_radius_, -static_cast<int>(c));
-        points_[c].build(p, class_rows_[c], 2 * radius * factor + margin, team);
+        if (classes == 1 || !class_rows_[c].empty())
+            points_[c].build(p, class_rows_[c], 2 * radius * factor + margin, team);
+        else
+            points_[c] = {};
     }
 
     const auto threads = static_cast<std::size_t>(team.size());
@@ -78,6 +86,7 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
     near_.resize(threads);
     for (auto& found : found_)
         found.clear();
+    first_.assign(p.owned + 1, 0);
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
         auto& found = found_[static_cast<std::size_t>(thread)];
         auto& near = near_[static_cast<std::size_t>(thread)];
@@ -85,6 +94,7 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
             const auto i = static_cast<std::uint32_t>(row);
             if (!moves(p, i))
                 continue;
+            const std::size_t before = found.size();
             const Record self = p.position[i];
             const std::size_t own = size_class(self.w, largest_radius_);
             for (std::size_t c = 0; c < points_.size(); ++c) {
@@ -95,8 +105,9 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
                 points_[c].near(self.vec(), base + factor * points_[c].largest_radius(), base, factor, near);
                 for (const std::uint32_t j : near)
                     if (j != i && (c < own || (c == own ? holder(p, i, j) == i : !moves(p, j))))
-                        found.push_back({i, j});
+                        found.push_back(j);
             }
+            first_[row + 1] = static_cast<std::uint32_t>(found.size() - before);
         }
     });
 
@@ -109,16 +120,17 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
                     "more than 2^31 near pairs in one domain: use more ranks or less skin");
     fit(holder_, total);
     fit(partner_, total);
-    first_.assign(p.owned + 1, 0);
     team.run([&](int thread) {
-        std::size_t k = counts_[static_cast<std::size_t>(thread)];
-        for (const Found& pair : found_[static_cast<std::size_t>(thread)]) {
-            holder_[k] = pair.holder;
-            partner_[k++] = pair.partner;
-            ++first_[pair.holder + 1]; // one thread found all pairs of a holder
-        }
+        const auto& found = found_[static_cast<std::size_t>(thread)];
+        std::copy(found.begin(), found.end(),
+                  partner_.begin() + static_cast<std::ptrdiff_t>(counts_[static_cast<std::size_t>(thread)]));
     });
     std::partial_sum(first_.begin(), first_.end(), first_.begin());
+    team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row)
+            std::fill(holder_.begin() + first_[row], holder_.begin() + first_[row + 1],
+                      static_cast<std::uint32_t>(row));
+    });
 }
 
 std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::uint32_t> old_row,
@@ -126,10 +138,10 @@ std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::
     if (close_size_ == 0)
         return 0;
     const std::size_t old_owned = old_row.size();
-    fit(new_row_, old_owned);
+    fit(row_scratch_, old_owned); // the new row of each old one
     team.for_range(old_owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row)
-            new_row_[old_row[row]] = static_cast<std::uint32_t>(row);
+            row_scratch_[old_row[row]] = static_cast<std::uint32_t>(row);
     });
     const auto owner_before = [&](std::uint32_t row) {
         return row < old_owned ? row : ghost_owner_[row - old_owned];
@@ -143,7 +155,7 @@ std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::
             if (!live(k))
                 continue;
             const Candidate old = candidates_[k];
-            const std::uint32_t i = new_row_[owner_before(old.i)], j = new_row_[owner_before(old.j)];
+            const std::uint32_t i = row_scratch_[owner_before(old.i)], j = row_scratch_[owner_before(old.j)];
             // The image of j against i, counted in the positions after both were wrapped.
             const Shift image = shift_before(old.j) - shift_before(old.i) - wrapped[i] - (Shift{} - wrapped[j]);
             const auto in_row = [&](std::uint32_t holder, std::uint32_t other, const Shift& of_other) {
@@ -194,7 +206,6 @@ void CandidateList::select(const ParticleColumns& p, double factor, std::span<co
                            ThreadTeam& team) {
     const std::size_t outer = holder_.size();
     const auto threads = static_cast<std::size_t>(team.size());
-    fit(chosen_, outer);
     counts_.assign(threads + 1, 0);
     team.for_range(outer, [&](std::size_t begin, std::size_t end, int thread) {
         std::size_t count = 0;
@@ -204,8 +215,10 @@ void CandidateList::select(const ParticleColumns& p, double factor, std::span<co
             const double reach =
                 (a.w + b.w) * factor + (share[holder_[o]] + share[p.owner(partner_[o])]) * (1 + 1e-6);
             const bool close = dx * dx + dy * dy + dz * dz < reach * reach;
-            chosen_[o] = close || previous_of_outer_[o] != no_candidate;
-            count += chosen_[o];
+            std::uint32_t& previous = previous_of_outer_[o];
+            if (previous == no_candidate && close)
+                previous = not_before;
+            count += previous != no_candidate;
         }
         counts_[static_cast<std::size_t>(thread) + 1] = count;
     });
@@ -222,11 +235,12 @@ void CandidateList::select(const ParticleColumns& p, double factor, std::span<co
         for (std::size_t o = begin; o < end; ++o) {
             for (; row <= holder_[o]; ++row)
                 close_first_[row] = static_cast<std::uint32_t>(k);
-            if (!chosen_[o])
+            const std::uint32_t previous = previous_of_outer_[o];
+            if (previous == no_candidate)
                 continue;
             candidates_[k] = by_id(p, holder_[o], partner_[o]);
             outer_of_[k] = static_cast<std::uint32_t>(o);
-            previous_[k++] = previous_of_outer_[o];
+            previous_[k++] = previous == not_before ? no_candidate : previous;
         }
     });
     for (std::size_t row = outer == 0 ? 0 : holder_[outer - 1] + std::size_t{1}; row <= p.owned; ++row)
@@ -254,19 +268,19 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
     std::partial_sum(reference_start_.begin(), reference_start_.end(), reference_start_.begin());
     fit(references_, reference_start_[p.owned] + padding);
     std::fill(references_.end() - padding, references_.end(), Reference{0});
-    fit(cursor_, p.owned);
+    fit(row_scratch_, p.owned); // where the next reference goes
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
             std::uint32_t at = reference_start_[row];
             for (std::uint32_t k = close_first_[row]; k < close_first_[row + 1]; ++k)
                 references_[at++] = {2 * k + (candidates_[k].i == holder_[outer_of_[k]] ? 0u : 1u)};
-            cursor_[row] = at;
+            row_scratch_[row] = at;
         }
     });
     team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k)
             if (const std::uint32_t row = other(k); p.species[row] != Species::fixed)
-                references_[add(cursor_[row], shared)] = {
+                references_[add(row_scratch_[row], shared)] = {
                     static_cast<std::uint32_t>(2 * k + (candidates_[k].i == partner_[outer_of_[k]] ? 0 : 1))};
     });
 
@@ -309,10 +323,10 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
     });
 }
 
-void CandidateList::relabel(std::span<const std::uint32_t> number_of, ThreadTeam& team) {
+void CandidateList::relabel(ThreadTeam& team) {
     team.for_range(reference_start_.back(), [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k)
-            references_[k].packed = 2 * number_of[references_[k].candidate()] + references_[k].is_second();
+            references_[k].packed = 2 * previous_[references_[k].candidate()] + references_[k].is_second();
     });
 }
 
@@ -320,8 +334,7 @@ std::size_t CandidateList::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
     std::size_t sum = bytes(holder_) + bytes(partner_) + bytes(first_) + bytes(candidates_) + bytes(outer_of_) +
                       bytes(close_first_) + bytes(previous_) + bytes(references_) + bytes(reference_start_) +
-                      bytes(ghost_owner_) + bytes(ghost_shift_) + bytes(previous_of_outer_) + bytes(new_row_) +
-                      bytes(cursor_) + bytes(chosen_);
+                      bytes(ghost_owner_) + bytes(ghost_shift_) + bytes(previous_of_outer_) + bytes(row_scratch_);
     for (const auto& found : found_)
         sum += bytes(found);
     for (const auto& rows : class_rows_)

@@ -96,8 +96,11 @@ public:
     /// by padding.
     const Reference* all_references() const { return references_.data(); }
     const std::uint32_t* reference_start() const { return reference_start_.data(); }
-    /// Makes every reference to close pair k one to number_of[k], for whoever keeps what it refers to elsewhere.
-    void relabel(std::span<const std::uint32_t> number_of, ThreadTeam& team);
+    /// Numbers for the close pairs, to be given to `relabel`; they take the place of `previous()`.
+    std::span<std::uint32_t> labels() { return {previous_.data(), close_size_}; }
+    std::span<const std::uint32_t> labels() const { return {previous_.data(), close_size_}; }
+    /// Makes every reference to close pair k one to labels()[k], for whoever keeps what it refers to elsewhere.
+    void relabel(ThreadTeam& team);
     std::size_t outer_size() const { return holder_.size(); }
     std::size_t memory() const;
 
@@ -124,16 +127,12 @@ private:
     std::vector<std::uint32_t> ghost_owner_;
     std::vector<Shift> ghost_shift_;
     // Memory kept for the next time.
-    struct Found {
-        std::uint32_t holder, partner;
-    };
-    std::vector<std::vector<Found>> found_;              ///< by thread
+    std::vector<std::vector<std::uint32_t>> found_;      ///< by thread: partners, holder after holder
     std::vector<std::vector<std::uint32_t>> near_;       ///< by thread
-    std::vector<std::vector<std::uint32_t>> class_rows_; ///< by size class
+    std::vector<std::vector<std::uint32_t>> class_rows_; ///< by size class, where there are several
     std::vector<SortedPoints> points_;                   ///< by size class
-    std::vector<std::uint8_t> class_of_;                 ///< [rows] empty where there is one class
-    Column<std::uint32_t> previous_of_outer_, new_row_, cursor_;
-    Column<std::uint8_t> chosen_;
+    Column<std::uint32_t> previous_of_outer_; ///< or what of the outer list becomes of the close one
+    Column<std::uint32_t> row_scratch_;
     std::vector<std::size_t> counts_;
     double largest_radius_ = 0;
 };

@@ -7,6 +7,7 @@
 
 #include "base/simd-inl.hpp"
 
+#include <array>
 #include <bit>
 
 HWY_BEFORE_NAMESPACE();
@@ -16,19 +17,21 @@ namespace HWY_NAMESPACE {
 using namespace talus::HWY_NAMESPACE;
 
 /// Appends row[k], k in [begin, end), of the spheres with |x - centre| < near + factor * radius.
-void scan(const double* x, const double* y, const double* z, const double* radius, const std::uint32_t* row,
-          std::size_t begin, std::size_t end, const Vec3& centre, double near, double factor,
+void scan(const float* x, const float* y, const float* z, const float* radius, const std::uint32_t* row,
+          std::size_t begin, std::size_t end, const std::array<float, 3>& centre, float near, float factor,
           std::vector<std::uint32_t>& out) {
-    const D d;
-    const V cx = hn::Set(d, centre.x), cy = hn::Set(d, centre.y), cz = hn::Set(d, centre.z);
-    const V base = hn::Set(d, near), times = hn::Set(d, factor);
-    for (std::size_t k = begin; k < end; k += lanes) {
-        const V dx = hn::Sub(hn::LoadU(d, x + k), cx), dy = hn::Sub(hn::LoadU(d, y + k), cy),
-                dz = hn::Sub(hn::LoadU(d, z + k), cz);
-        const V reach = hn::Add(base, hn::Mul(times, hn::LoadU(d, radius + k)));
-        const V distance2 = hn::Add(hn::Add(hn::Mul(dx, dx), hn::Mul(dy, dy)), hn::Mul(dz, dz));
-        const M hit = hn::And(hn::Lt(distance2, hn::Mul(reach, reach)), hn::FirstN(d, end - k));
-        for (unsigned bits = bits_of(hit); bits != 0; bits &= bits - 1)
+    const hn::CappedTag<float, 16> d;
+    const auto cx = hn::Set(d, centre[0]), cy = hn::Set(d, centre[1]), cz = hn::Set(d, centre[2]);
+    const auto base = hn::Set(d, near), times = hn::Set(d, factor);
+    for (std::size_t k = begin; k < end; k += hn::Lanes(d)) {
+        const auto dx = hn::Sub(hn::LoadU(d, x + k), cx), dy = hn::Sub(hn::LoadU(d, y + k), cy),
+                   dz = hn::Sub(hn::LoadU(d, z + k), cz);
+        const auto reach = hn::MulAdd(times, hn::LoadU(d, radius + k), base);
+        const auto distance2 = hn::MulAdd(dx, dx, hn::MulAdd(dy, dy, hn::Mul(dz, dz)));
+        const auto hit = hn::And(hn::Lt(distance2, hn::Mul(reach, reach)), hn::FirstN(d, end - k));
+        alignas(8) std::uint8_t bytes[8] = {};
+        hn::StoreMaskBits(d, hit, bytes);
+        for (unsigned bits = bytes[0] | static_cast<unsigned>(bytes[1]) << 8; bits != 0; bits &= bits - 1)
             out.push_back(row[k + static_cast<std::size_t>(std::countr_zero(bits))]);
     }
 }
@@ -49,11 +52,12 @@ HWY_EXPORT(scan);
 void SortedPoints::build(const ParticleColumns& p, std::span<const std::uint32_t> rows, double smallest_cell,
                          ThreadTeam& team) {
     constexpr double inf = std::numeric_limits<double>::infinity();
-    const std::size_t n = rows.size();
+    const std::size_t n = rows.empty() ? p.size() : rows.size();
+    const auto row_of = [&](std::size_t k) { return rows.empty() ? static_cast<std::uint32_t>(k) : rows[k]; };
     Vec3 lower{inf, inf, inf}, upper{-inf, -inf, -inf};
     largest_radius_ = 0;
-    for (const std::uint32_t row : rows) {
-        const Record& r = p.position[row];
+    for (std::size_t k = 0; k < n; ++k) {
+        const Record& r = p.position[row_of(k)];
         lower = {std::min(lower.x, r.x), std::min(lower.y, r.y), std::min(lower.z, r.z)};
         upper = {std::max(upper.x, r.x), std::max(upper.y, r.y), std::max(upper.z, r.z)};
         largest_radius_ = std::max(largest_radius_, r.w);
@@ -71,38 +75,40 @@ void SortedPoints::build(const ParticleColumns& p, std::span<const std::uint32_t
         inverse_edge_[k] = extent[k] > 0 ? along(k, edge) / extent[k] : 0;
     }
 
+    // Two coordinates and a radius, each rounded once, and the arithmetic after that.
+    rounding_ = 4e-7 * (std::abs(extent.x) + std::abs(extent.y) + std::abs(extent.z) + largest_radius_);
+
     const std::size_t cells = index(0, 0, cells_[2]);
-    cell_of_.resize(n);
+    fit(place_, n);
     team.for_range(n, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k) {
-            const Record& r = p.position[rows[k]];
-            cell_of_[k] = static_cast<std::uint32_t>(
+            const Record& r = p.position[row_of(k)];
+            place_[k] = static_cast<std::uint32_t>(
                 index(cell_along(0, r.x), cell_along(1, r.y), cell_along(2, r.z)));
         }
     });
     start_.assign(cells + 1, 0);
     for (std::size_t k = 0; k < n; ++k)
-        ++start_[cell_of_[k] + 1];
+        ++start_[place_[k] + 1];
     for (std::size_t c = 0; c < cells; ++c)
         start_[c + 1] += start_[c];
     fill_ = start_;
-    place_.resize(n);
     for (std::size_t k = 0; k < n; ++k)
-        place_[k] = fill_[cell_of_[k]]++;
-    for (Column<double>* column : {&x_, &y_, &z_, &radius_}) {
-        column->resize(n + 8);
-        std::fill(column->end() - 8, column->end(), 0.0);
+        place_[k] = fill_[place_[k]]++;
+    for (Column<float>* column : {&x_, &y_, &z_, &radius_}) {
+        fit(*column, n + 16);
+        std::fill(column->end() - 16, column->end(), 0.0f);
     }
-    row_.resize(n);
+    fit(row_, n);
     team.for_range(n, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k) {
             const std::uint32_t place = place_[k];
-            const Record& r = p.position[rows[k]];
-            x_[place] = r.x;
-            y_[place] = r.y;
-            z_[place] = r.z;
-            radius_[place] = r.w;
-            row_[place] = rows[k];
+            const Record& r = p.position[row_of(k)];
+            x_[place] = static_cast<float>(r.x - lower_.x);
+            y_[place] = static_cast<float>(r.y - lower_.y);
+            z_[place] = static_cast<float>(r.z - lower_.z);
+            radius_[place] = static_cast<float>(r.w);
+            row_[place] = row_of(k);
         }
     });
 }
@@ -112,19 +118,22 @@ void SortedPoints::near(const Vec3& centre, double reach, double near, double fa
     if (row_.empty())
         return;
     const auto scan_rows = HWY_DYNAMIC_DISPATCH(scan);
+    const std::array<float, 3> local{static_cast<float>(centre.x - lower_.x),
+                                     static_cast<float>(centre.y - lower_.y),
+                                     static_cast<float>(centre.z - lower_.z)};
+    const auto wider = static_cast<float>(near + rounding_);
     const int x0 = cell_along(0, centre.x - reach), x1 = cell_along(0, centre.x + reach);
     const int y0 = cell_along(1, centre.y - reach), y1 = cell_along(1, centre.y + reach);
     const int z0 = cell_along(2, centre.z - reach), z1 = cell_along(2, centre.z + reach);
     for (int z = z0; z <= z1; ++z)
         for (int y = y0; y <= y1; ++y)
             scan_rows(x_.data(), y_.data(), z_.data(), radius_.data(), row_.data(), start_[index(x0, y, z)],
-                      start_[index(x1, y, z) + 1], centre, near, factor, out);
+                      start_[index(x1, y, z) + 1], local, wider, static_cast<float>(factor), out);
 }
 
 std::size_t SortedPoints::memory() const {
-    return (x_.capacity() + y_.capacity() + z_.capacity() + radius_.capacity()) * sizeof(double) +
-           (row_.capacity() + cell_of_.capacity() + place_.capacity() + start_.capacity() + fill_.capacity()) *
-               sizeof(std::uint32_t);
+    return (x_.capacity() + y_.capacity() + z_.capacity() + radius_.capacity()) * sizeof(float) +
+           (row_.capacity() + place_.capacity() + start_.capacity() + fill_.capacity()) * sizeof(std::uint32_t);
 }
 
 } // namespace talus::search

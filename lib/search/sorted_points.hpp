@@ -12,10 +12,12 @@
 namespace talus::search {
 
 /// Spheres copied cell by cell into columns of their own, so that a neighbour search reads memory in order and
-/// tests several at a time. Memory is reused from build to build.
+/// tests several at a time. The copies are in single precision, relative to the lowest corner; a search reaches
+/// further by what that rounds. Memory is reused from build to build.
 class SortedPoints {
 public:
     /// Sorts these rows of `p` into cells at least `smallest_cell` (m) wide.
+    /// @param rows empty: all rows
     void build(const ParticleColumns& p, std::span<const std::uint32_t> rows, double smallest_cell,
                ThreadTeam& team);
 
@@ -41,9 +43,9 @@ private:
 
     Vec3 lower_, inverse_edge_;
     std::array<int, 3> cells_{1, 1, 1};
-    double largest_radius_ = 0;
-    Column<double> x_, y_, z_, radius_; ///< in cell order, a vector longer than there are points
-    Column<std::uint32_t> row_, cell_of_, place_;
+    double largest_radius_ = 0, rounding_ = 0;
+    Column<float> x_, y_, z_, radius_; ///< in cell order, a vector longer than there are points
+    Column<std::uint32_t> row_, place_;
     std::vector<std::uint32_t> start_, fill_;
 };
 

@@ -117,28 +117,27 @@ def lowest(out, one, count):
 
 # A periodic box like the published frictionless ones ---------------------------------------------------------------
 
-def periodic_box(out, folder, radius, threads):
-    """A fully periodic frictionless packing of coordination number 6.4 at 0.64, no gravity; friction 0.4 in the run."""
+def periodic_box(out, folder, radius, times, threads):
+    """A frictionless periodic box of 1 m as pgbox-gen makes it (coordination number 6.25, solid fraction 0.64), `times`
+    copies along each direction fitted together; no gravity, friction 0.4 in the run."""
     box = out / f"pl-like-r{radius:g}.pgbox.h5"
+    name = f"pl-like-r{radius:g}-{times}x{times}x{times}"
 
     def make():
         if not box.exists():
-            note(f"  packing a periodic box of radius {radius:g}: may take minutes")
-            command = [folder / "pgbox-gen", "--radius", radius, "--radius-min-ratio", 1, "--friction", 0,
-                       "--solid-volume-fraction", 0.64, "--set", "coordination_number=6.4", "--seed", 1,
-                       "-j", threads, "-q", "-o", box]
-            done, _ = run(command)
-            if done.returncode not in (0, 6):  # 6: the aim was not reached; the box may still serve
-                raise RuntimeError(f"pgbox-gen, exit {done.returncode}: {without_paths(done.stderr.strip())}")
+            note(f"  packing a periodic box of radius {radius:g}")
+            done, _ = run([folder / "pgbox-gen", "--radius", radius, "--seed", 1, "-j", threads, "-q", "-o", box])
             if not box.exists():
-                raise Unavailable("pgbox-gen did not reach a packing of coordination number 6.4")
+                raise RuntimeError(f"pgbox-gen, exit {done.returncode}: {without_paths(done.stderr.strip())}")
         packed = read_particles(box)
-        return {"position": packed["position"], "radius": packed["radius"]}
+        corners = np.stack(np.meshgrid(*3 * [np.arange(times)], indexing="ij"), -1).reshape(-1, 3)
+        return {"position": (corners[:, None, :] + packed["position"][None]).reshape(-1, 3),
+                "radius": np.tile(packed["radius"], len(corners))}
 
-    made = scene(out, f"pl-like-r{radius:g}", None, make)
+    made = scene(out, name, None, make)
     made["settings"] = {
         "gravity": [0, 0, 0], "material": dict(MATERIAL),
-        "box": {"lower": [0, 0, 0], "upper": [1, 1, 1], "periodic": [True, True, True]},
+        "box": {"lower": [0, 0, 0], "upper": 3 * [times], "periodic": [True, True, True]},
         "time": {"step": float(rayleigh_step(made["particles"]["radius"].min(), MATERIAL))}}
     return made
 

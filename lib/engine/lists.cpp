@@ -18,6 +18,9 @@ constexpr std::size_t rebuilds_per_reorder = 10;
 /// A list is kept on where really no more than this part of its skin is used up.
 constexpr double worn_out = 0.7;
 
+/// The outer skin grows to at most so many times the scene's.
+constexpr double widest = 7;
+
 /// Steps that a particle's share of the close skin lasts at its present speed.
 constexpr double share_steps = 50;
 
@@ -100,7 +103,7 @@ void Simulation::adapt_skins(bool outer) {
         if (rebuilds_ > 0)
             skin_ = adapt(skin_, step_ - last_rebuild_, 150, 1000);
         last_rebuild_ = step_;
-        skin_ = std::clamp(skin_, 0.5 * scene_.skin * largest_radius_, 4 * scene_.skin * largest_radius_);
+        skin_ = std::clamp(skin_, 0.5 * scene_.skin * largest_radius_, widest * scene_.skin * largest_radius_);
         for (int k = 0; k < 3; ++k)
             if (images_.box().periodic[static_cast<std::size_t>(k)])
                 skin_ = std::min(skin_, images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ -

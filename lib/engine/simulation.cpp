@@ -76,14 +76,13 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
                     "(2 r and the skin): use a larger box or smaller grains",
                     images_.box().lengths()[k], reach));
 
-    const double scale = scene.linear_law
-                             ? scene.linear_law->normal_stiffness * largest_radius_ * largest_radius_
-                             : scene.material.youngs_modulus * std::pow(largest_radius_, 3);
+    // Energies against that of a grain squeezed flat, powers against that much in one step.
+    const double scale = record_scale() * largest_radius_, power = scale / time_step_.step;
     for (Integral& integral : integrals_)
-        integral = {ExactSum(scale), ExactSum(scale), ExactSum(scale)};
+        integral = {ExactSum(power), ExactSum(power), ExactSum(power)};
     fractured_ = ExactSum(scale);
     tallies_.assign(static_cast<std::size_t>(team.size()),
-                    {ExactSum(scale), ExactSum(scale), ExactSum(scale), 0, {}, ExactSum(record_scale())});
+                    {ExactSum(power), ExactSum(power), ExactSum(scale), 0, {}, ExactSum(record_scale())});
     advanced_.resize(static_cast<std::size_t>(team.size()));
 
     rebuild(true);

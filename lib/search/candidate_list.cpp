@@ -46,10 +46,12 @@ std::uint32_t add(std::uint32_t& counter, bool shared) {
 std::uint32_t CandidateList::holder(const ParticleColumns& p, std::uint32_t i, std::uint32_t j) const {
     if (const bool i_moves = moves(p, i); i_moves != moves(p, j))
         return i_moves ? i : j;
-    const std::size_t class_i = size_class(p.position[i].w, largest_radius_),
-                      class_j = size_class(p.position[j].w, largest_radius_);
-    if (class_i != class_j)
-        return class_i > class_j ? i : j;
+    if (points_.size() > 1) {
+        const std::size_t class_i = size_class(p.position[i].w, largest_radius_),
+                          class_j = size_class(p.position[j].w, largest_radius_);
+        if (class_i != class_j)
+            return class_i > class_j ? i : j;
+    }
     if (p.owner(i) != p.owner(j))
         return p.owner(i) < p.owner(j) ? i : j;
     return p.shift(j) > p.shift(i) ? i : j; // a particle and its own image
@@ -96,7 +98,7 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
                 continue;
             const std::size_t before = found.size();
             const Record self = p.position[i];
-            const std::size_t own = size_class(self.w, largest_radius_);
+            const std::size_t own = classes == 1 ? 0 : size_class(self.w, largest_radius_);
             for (std::size_t c = 0; c < points_.size(); ++c) {
                 if (points_[c].size() == 0 || (c > own && !has_fixed[c]))
                     continue;

@@ -10,8 +10,9 @@
 namespace talus {
 
 /// Memory for columns that vector code streams through: starts on a cache line, so that no record straddles
-/// two, and asks the system for huge pages where it is large (fewer misses of the address cache in scenes that
-/// do not fit into the caches). New elements of trivial types are left as they are: whoever resizes, writes.
+/// two, and asks the system for huge pages where it is large (fewer misses of the address cache in scenes
+/// that do not fit into the caches). New elements of trivial types are left as they are: whoever resizes,
+/// writes.
 template <class T>
 struct ColumnAllocator {
     using value_type = T;
@@ -44,8 +45,8 @@ struct ColumnAllocator {
 template <class T>
 using Column = std::vector<T, ColumnAllocator<T>>;
 
-/// Resizes a column whose contents are about to be written anew: room is made once, with a little to spare, and
-/// nothing is copied.
+/// Resizes a column whose contents are about to be written anew: room is made once, with a little to spare,
+/// and nothing is copied.
 template <class T>
 void fit(Column<T>& column, std::size_t size) {
     if (size > column.capacity()) {

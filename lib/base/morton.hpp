@@ -4,7 +4,8 @@
 
 namespace talus {
 
-/// Place of the cell (x, y, z) on the Morton curve: the bits of the three coordinates (the lower 21 of each) in turn.
+/// Place of the cell (x, y, z) on the Morton curve: the bits of the three coordinates (the lower 21 of each)
+/// in turn.
 constexpr std::uint64_t morton_code(std::uint64_t x, std::uint64_t y, std::uint64_t z) {
     const auto spread = [](std::uint64_t v) {
         v &= 0x1fffff;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-/// Vector code shared by kernels: records of four doubles, and eight (four, two) records at a time turned into
-/// one vector per component. Compiled once per instruction set: a kernel's file includes hwy/foreach_target.h
-/// and then this.
+/// Vector code shared by kernels: records of four doubles, and eight (four, two) records at a time turned
+/// into one vector per component. Compiled once per instruction set: a kernel's file includes
+/// hwy/foreach_target.h and then this.
 #if defined(TALUS_BASE_SIMD_INL) == defined(HWY_TARGET_TOGGLE)
 #ifdef TALUS_BASE_SIMD_INL
 #undef TALUS_BASE_SIMD_INL

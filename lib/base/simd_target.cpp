@@ -21,7 +21,7 @@ struct Name {
 };
 
 /// Best first. What Highway calls AVX3 is AVX-512 with its DQ, BW, CD and VL parts.
-constexpr std::array names{
+constexpr std::array names {
 #if HWY_ARCH_X86
     Name{HWY_AVX3, "avx512"}, Name{HWY_AVX2, "avx2"}, Name{HWY_SSE4, "sse4"},
 #else

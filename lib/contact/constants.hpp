@@ -13,7 +13,8 @@ namespace talus::contact {
 enum class DampingRule { paper, exact };
 
 /// `hertz_mindlin`: physics.md. `linear`: springs of constant stiffness and dashpots proportional to the
-/// effective mass (Cundall & Strack 1979; what LAMMPS calls hooke/history), for comparison with other programs.
+/// effective mass (Cundall & Strack 1979; what LAMMPS calls hooke/history), for comparison with other
+/// programs.
 enum class Law { hertz_mindlin, linear };
 
 /// The linear law's numbers: F_n = k_n dn - M gamma_n v_n, F_t = -k_t u_t - M gamma_t v_t.
@@ -62,8 +63,8 @@ inline double hertz_stiffness(double effective_modulus, double effective_radius,
     return 4.0 / 3.0 * effective_modulus * std::sqrt(effective_radius * std::abs(overlap));
 }
 
-/// Everything about a pair of materials that the law needs; with the linear law stiffnesses are N/m and taken as
-/// they are, and eta_n = damping M.
+/// Everything about a pair of materials that the law needs; with the linear law stiffnesses are N/m and taken
+/// as they are, and eta_n = damping M.
 struct Constants {
     double normal_stiffness = 0;     ///< Pa: Kn = normal_stiffness sqrt(R |dn|)
     double tangential_stiffness = 0; ///< Pa: Kt = tangential_stiffness sqrt(R |dn|)
@@ -110,8 +111,8 @@ inline Constants make_linear_constants(const LinearLaw& law, double friction, Se
     return c;
 }
 
-/// Interface of two different grain materials: the smoother one decides about sliding, restitutions combine by
-/// their geometric mean; elastic constants combine as in `make_constants`.
+/// Interface of two different grain materials: the smoother one decides about sliding, restitutions combine
+/// by their geometric mean; elastic constants combine as in `make_constants`.
 inline Material interface_of(const Material& a, const Material& b) {
     Material both = b;
     both.friction = std::min(a.friction, b.friction);

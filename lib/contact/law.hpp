@@ -112,10 +112,11 @@ inline Vec3 tangential_increment(const Motion& m, double dt, double step) {
     return dt * (v - dot(v, m.normal) * m.normal);
 }
 
-/// The tangential displacement after a slip: set back to `target`, with which spring and dashpot give just the
-/// slider's force, but never stretched and never turned round. Where the dashpot alone exceeds the slider (a
-/// contact that slips from its first touch on) the target points backwards and grows without bound as the step
-/// shrinks: a spring loaded so pushed the grains along their sliding, and results did not converge in the step.
+/// The tangential displacement after a slip: set back to `target`, with which spring and dashpot give just
+/// the slider's force, but never stretched and never turned round. Where the dashpot alone exceeds the slider
+/// (a contact that slips from its first touch on) the target points backwards and grows without bound as the
+/// step shrinks: a spring loaded so pushed the grains along their sliding, and results did not converge in
+/// the step.
 inline Vec3 slid_back(const Vec3& u, const Vec3& target) {
     if (dot(u, target) <= 0)
         return {};

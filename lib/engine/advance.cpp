@@ -7,7 +7,6 @@
 
 #include "base/simd-inl.hpp"
 
-
 HWY_BEFORE_NAMESPACE();
 namespace talus::engine {
 namespace HWY_NAMESPACE {
@@ -29,7 +28,8 @@ HWY_INLINE const float* forces_of<float>(const PairColumns& pairs) {
     return pairs.force_single.data();
 }
 
-/// Sum of the records of a particle's pairs; the force of a pair acts on its second particle with the other sign.
+/// Sum of the records of a particle's pairs; the force of a pair acts on its second particle with the other
+/// sign.
 template <class Number, bool Tangential>
 class Sums {
 public:
@@ -52,11 +52,19 @@ public:
         }
     }
 #if HWY_MAX_BYTES >= 64
-    HWY_INLINE Quad force() const { return whole ? Quad{hn::LowerHalf(Q{}, both_)} : force_; }
-    HWY_INLINE Quad couple() const { return whole ? Quad{hn::UpperHalf(Q{}, both_)} : couple_; }
+    HWY_INLINE Quad force() const {
+        return whole ? Quad{hn::LowerHalf(Q{}, both_)} : force_;
+    }
+    HWY_INLINE Quad couple() const {
+        return whole ? Quad{hn::UpperHalf(Q{}, both_)} : couple_;
+    }
 #else
-    HWY_INLINE Quad force() const { return force_; }
-    HWY_INLINE Quad couple() const { return couple_; }
+    HWY_INLINE Quad force() const {
+        return force_;
+    }
+    HWY_INLINE Quad couple() const {
+        return couple_;
+    }
 #endif
 
 private:
@@ -65,7 +73,8 @@ private:
     Quad force_, couple_;
 };
 
-/// `row_of(k)`: the k-th row to be moved (or summed up, see AdvanceWork); held ones are left out where `Checked`.
+/// `row_of(k)`: the k-th row to be moved (or summed up, see AdvanceWork); held ones are left out where
+/// `Checked`.
 template <class Number, bool Tangential, bool Checked, class RowOf>
 void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowOf row_of) {
     ParticleColumns& p = work.particles;
@@ -147,7 +156,8 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowO
 
 /// Looks at the speeds of rows [begin, end), several at a time.
 template <bool Tangential, class RowOf>
-void look_at_speeds(const AdvanceWork& work, std::size_t begin, std::size_t end, RowOf row_of, Advanced& out) {
+void look_at_speeds(const AdvanceWork& work, std::size_t begin, std::size_t end, RowOf row_of,
+                    Advanced& out) {
     const D d;
     const ParticleColumns& p = work.particles;
     V largest_speed2 = hn::Set(d, out.largest_speed2), largest_use2 = hn::Set(d, out.largest_use2);
@@ -198,11 +208,13 @@ void move_any(const AdvanceWork& work, std::size_t begin, std::size_t end, RowOf
 }
 
 void move_range(const AdvanceWork& work, std::size_t begin, std::size_t end, Advanced& out) {
-    move_any<true>(work, begin, end, [](std::size_t k) { return k; }, out);
+    move_any<true>(
+        work, begin, end, [](std::size_t k) { return k; }, out);
 }
 
 void move_late(const AdvanceWork& work, std::span<const std::uint32_t> rows, Advanced& out) {
-    move_any<false>(work, 0, rows.size(), [&](std::size_t k) { return rows[k]; }, out);
+    move_any<false>(
+        work, 0, rows.size(), [&](std::size_t k) { return rows[k]; }, out);
 }
 
 } // namespace HWY_NAMESPACE

@@ -28,27 +28,27 @@ struct AdvanceWork {
     const PairColumns& pairs;
     const search::CandidateList& list;
     const WallContacts& walls;
-    const NetColumns* given;   ///< used instead of the sums, where there is one
-    NetColumns* into;          ///< where there is one, sums are written here and nothing moves
-    Vec3 gravity;              ///< m s-2
-    double step;               ///< s
-    double viscous_damping;    ///< 1/s
-    Vec3 rounding;             ///< added and taken off, snaps displacements (parallel/periodic_images.hpp)
+    const NetColumns* given; ///< used instead of the sums, where there is one
+    NetColumns* into;        ///< where there is one, sums are written here and nothing moves
+    Vec3 gravity;            ///< m s-2
+    double step;             ///< s
+    double viscous_damping;  ///< 1/s
+    Vec3 rounding;           ///< added and taken off, snaps displacements (parallel/periodic_images.hpp)
     bool tangential;
-    const std::uint8_t* hold;  ///< [owned] rows that do not move with the others: fixed ones and late ones
-    const float* share;        ///< [owned] m, each particle's share of the close list's skin
+    const std::uint8_t* hold; ///< [owned] rows that do not move with the others: fixed ones and late ones
+    const float* share;       ///< [owned] m, each particle's share of the close list's skin
 };
 
 /// What came of it, over the rows one thread moved.
 struct Advanced {
-    double largest_speed2 = 0;       ///< m2 s-2
-    double largest_use2 = 0;         ///< (speed / share)^2, s-2
-    bool finite = true;              ///< all velocities are numbers
+    double largest_speed2 = 0; ///< m2 s-2
+    double largest_use2 = 0;   ///< (speed / share)^2, s-2
+    bool finite = true;        ///< all velocities are numbers
 };
 
-/// Sums the forces on rows [begin, end) in the order of their partners' ids and moves these rows from t to t +
-/// step: velocities from half step to half step, positions, and the half kick that predicts velocities at the
-/// new full step (explicit, second order). Held rows are left out.
+/// Sums the forces on rows [begin, end) in the order of their partners' ids and moves these rows from t to t
+/// + step: velocities from half step to half step, positions, and the half kick that predicts velocities at
+/// the new full step (explicit, second order). Held rows are left out.
 void advance(const AdvanceWork& work, std::size_t begin, std::size_t end, Advanced& result);
 /// The same for these rows, held or not.
 void advance_late(const AdvanceWork& work, std::span<const std::uint32_t> rows, Advanced& result);

@@ -156,7 +156,8 @@ RestState Simulation::rest_state() const {
     rest.rms_speed = std::sqrt(speed2.value() / count);
     rest.coordination_number = 2 * static_cast<double>(pair_contacts) / count;
     const double mean_net = net_force.value() / count;
-    const double mean_contact = contacts > 0 ? (contact_force_ + wall_force.value()) / static_cast<double>(contacts) : 0;
+    const double mean_contact =
+        contacts > 0 ? (contact_force_ + wall_force.value()) / static_cast<double>(contacts) : 0;
     rest.unbalanced_force = mean_net == 0 ? 0 : (mean_contact > 0 ? mean_net / mean_contact : 1e300);
     return rest;
 }
@@ -211,10 +212,10 @@ std::vector<BondBreak> Simulation::take_breaks() {
 std::size_t Simulation::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
     const ParticleColumns& p = particles_;
-    return bytes(p.position) + bytes(p.velocity) + bytes(p.angular_velocity) + bytes(p.half_kick) + bytes(p.half_motion) +
-           bytes(p.id) + bytes(p.material) + bytes(p.species) + bytes(p.release) + bytes(p.image) +
-           bytes(p.ghost_owner) + bytes(p.ghost_shift) + pairs_.memory() + bytes(listed_position_) + bytes(refreshed_) +
-           list_.memory();
+    return bytes(p.position) + bytes(p.velocity) + bytes(p.angular_velocity) + bytes(p.half_kick) +
+           bytes(p.half_motion) + bytes(p.id) + bytes(p.material) + bytes(p.species) + bytes(p.release) +
+           bytes(p.image) + bytes(p.ghost_owner) + bytes(p.ghost_shift) + pairs_.memory() +
+           bytes(listed_position_) + bytes(refreshed_) + list_.memory();
 }
 
 } // namespace talus::engine

@@ -24,22 +24,24 @@ constexpr double widest = 7;
 /// Steps that a particle's share of the close skin lasts at its present speed.
 constexpr double share_steps = 50;
 
-/// The largest share is at most this part of the outer skin: some lists of close pairs are made of one outer one.
+/// The largest share is at most this part of the outer skin: some lists of close pairs are made of one outer
+/// one.
 constexpr double largest_share = 0.2;
 
 } // namespace
 
-/// Each particle has its share of the close list's skin: what it may move until the list is made anew, more where
-/// it is fast. So a few fast particles do not make the list of all the others long or short-lived.
+/// Each particle has its share of the close list's skin: what it may move until the list is made anew, more
+/// where it is fast. So a few fast particles do not make the list of all the others long or short-lived.
 void Simulation::set_shares() {
     const ParticleColumns& p = particles_;
     const double most = largest_share * skin_, dt = share_steps * time_step_.step;
     share_.resize(p.owned);
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row)
-            share_[row] = p.species[row] == Species::fixed
-                              ? 0.0f
-                              : static_cast<float>(std::min(most, close_skin_ + dt * norm(p.velocity[row].vec())));
+            share_[row] =
+                p.species[row] == Species::fixed
+                    ? 0.0f
+                    : static_cast<float>(std::min(most, close_skin_ + dt * norm(p.velocity[row].vec())));
     });
     used_ = 0;
 }
@@ -70,8 +72,8 @@ Simulation::Displacement Simulation::largest_displacement() {
 }
 
 /// The close list holds while nobody has moved by more than his share; the outer list has to hold until the
-/// close list is made the next time. Whether they can have is first judged by the sum of the largest speeds, which
-/// costs nothing; where that runs out, by how far they really went.
+/// close list is made the next time. Whether they can have is first judged by the sum of the largest speeds,
+/// which costs nothing; where that runs out, by how far they really went.
 void Simulation::keep_lists_valid() {
     const double share = largest_share * skin_;
     if (used_ <= 1 && displaced_ + share + wall_travel_ <= skin_) {
@@ -103,7 +105,8 @@ void Simulation::adapt_skins(bool outer) {
         if (rebuilds_ > 0)
             skin_ = adapt(skin_, step_ - last_rebuild_, 150, 1000);
         last_rebuild_ = step_;
-        skin_ = std::clamp(skin_, 0.5 * scene_.skin * largest_radius_, widest * scene_.skin * largest_radius_);
+        skin_ =
+            std::clamp(skin_, 0.5 * scene_.skin * largest_radius_, widest * scene_.skin * largest_radius_);
         for (int k = 0; k < 3; ++k)
             if (images_.box().periodic[static_cast<std::size_t>(k)])
                 skin_ = std::min(skin_, images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ -
@@ -113,8 +116,10 @@ void Simulation::adapt_skins(bool outer) {
 }
 
 search::CandidateList::Live Simulation::live() const {
-    return {{pairs_.state.data(), list_.size()}, contact::contact_active | contact::bond_intact,
-            contact::bond_intact, {pairs_.offset.data(), pairs_.offset.empty() ? 0 : list_.size()}};
+    return {{pairs_.state.data(), list_.size()},
+            contact::contact_active | contact::bond_intact,
+            contact::bond_intact,
+            {pairs_.offset.data(), pairs_.offset.empty() ? 0 : list_.size()}};
 }
 
 /// `all_bonds`: also pairs that may be bonded but are not known to be yet are close ones.
@@ -176,14 +181,15 @@ void Simulation::refresh(double displaced) {
     take_close_list();
 }
 
-/// Rows that cannot be moved when their own pairs are done, because another thread computes one of their pairs, or
-/// a later block does (pairs are held by the smaller particle where sizes differ much).
+/// Rows that cannot be moved when their own pairs are done, because another thread computes one of their
+/// pairs, or a later block does (pairs are held by the smaller particle where sizes differ much).
 void Simulation::find_late_rows() {
     hold_.resize(particles_.owned);
     late_.resize(static_cast<std::size_t>(team_.size()));
     for (auto& rows : late_)
         rows.clear();
-    for_sweep_parts([&](std::size_t begin, std::size_t end, std::size_t row, std::size_t last_row, int thread) {
+    for_sweep_parts([&](std::size_t begin, std::size_t end, std::size_t row, std::size_t last_row,
+                        int thread) {
         for (; row < last_row; ++row) {
             if (particles_.species[row] == Species::fixed) {
                 hold_[row] = 1;
@@ -201,8 +207,8 @@ void Simulation::find_late_rows() {
     });
 }
 
-/// Gives each pair's record a slot: in a ring of some blocks per thread where both its particles are done by the
-/// time the slot is used again, else one of its own, to which it is copied.
+/// Gives each pair's record a slot: in a ring of some blocks per thread where both its particles are done by
+/// the time the slot is used again, else one of its own, to which it is copied.
 void Simulation::assign_slots() {
     const ParticleColumns& p = particles_;
     const std::span<std::uint32_t> slot = list_.labels();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-/// The vector pair loop in mixed precision: branch vector, distance and overlap in double, the pair's motion, its
-/// history and its force in single, sums over a particle's pairs in double again. Less to load, and half as wide
-/// vectors for the same number of pairs.
+/// The vector pair loop in mixed precision: branch vector, distance and overlap in double, the pair's motion,
+/// its history and its force in single, sums over a particle's pairs in double again. Less to load, and half
+/// as wide vectors for the same number of pairs.
 #include "engine/vector_kernel.hpp"
 
 #undef HWY_TARGET_INCLUDE
@@ -205,9 +205,8 @@ void mixed_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tally
             const HalfMotion &motion_i = half_motion[c[l].i], &motion_j = half_motion[c[l].j];
             const Oct mi = load_oct(&motion_i.vx), mj = load_oct(&motion_j.vx);
             quads[l] = as_quad(mi + (mj ^ minus_first)); // vi - vj, mi + mj, si + sj
-            if constexpr (!OneSize) { // in the fourth: mi mj
-                const Oct turns =
-                    oct(motion_i.inverse_radius) * mi + oct(motion_j.inverse_radius) * mj;
+            if constexpr (!OneSize) {                    // in the fourth: mi mj
+                const Oct turns = oct(motion_i.inverse_radius) * mi + oct(motion_j.inverse_radius) * mj;
                 twists[l] = as_quad(blend(is_fourth, mi * mj, turns));
             }
         }
@@ -297,8 +296,9 @@ void mixed_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tally
         for (; broken != 0; broken &= broken - 1) {
             const auto l = static_cast<std::size_t>(std::countr_zero(broken));
             pairs.store(k + l, kept[l]);
-            one_by_one({work.constants, p, work.candidates, work.step, pairs, work.first_slot + k + l - begin},
-                       k + l, k + l + 1, tally);
+            one_by_one(
+                {work.constants, p, work.candidates, work.step, pairs, work.first_slot + k + l - begin},
+                k + l, k + l + 1, tally);
         }
     }
     dissipation.give_to(tally.dissipation);

@@ -68,7 +68,8 @@ History PairColumns::load(std::size_t k) const {
         h.tangential_displacement = {tangential_displacement[0][k], tangential_displacement[1][k],
                                      tangential_displacement[2][k]};
     else if (!tangential_displacement_single[0].empty())
-        h.tangential_displacement = {tangential_displacement_single[0][k], tangential_displacement_single[1][k],
+        h.tangential_displacement = {tangential_displacement_single[0][k],
+                                     tangential_displacement_single[1][k],
                                      tangential_displacement_single[2][k]};
     return h;
 }
@@ -208,7 +209,7 @@ std::array<contact::ReferenceParticle, 2> reference_particles(const ParticleColu
     for (const std::size_t k : {0u, 1u}) {
         const std::uint32_t row = k == 0 ? c.i : c.j;
         const Vec3 v = p.velocity[row].vec(), w = p.angular_velocity[row].vec();
-        both[k] = {p.position[row].vec(), v, w, v, w, p.position[row].w, p.velocity[row].w,
+        both[k] = {p.position[row].vec(),        v, w, v, w, p.position[row].w, p.velocity[row].w,
                    p.half_kick[row].damping_load};
     }
     const HalfKick &ki = p.half_kick[c.i], &kj = p.half_kick[c.j];
@@ -228,7 +229,8 @@ void reference(const PairWork& work, std::size_t begin, std::size_t end, Tally& 
         const auto result = contact::reference_pair_force(work.constants.of(work.particles, c), i, j,
                                                           work.step, h, tangential);
         pairs.store(k, h);
-        pairs.store_force(work.first_slot + k - begin, result.force_on_i, result.parts.damping, result.torque_on_i / i.radius);
+        pairs.store_force(work.first_slot + k - begin, result.force_on_i, result.parts.damping,
+                          result.torque_on_i / i.radius);
         count(result.parts, work.particles, c, tally);
     }
 }
@@ -240,8 +242,9 @@ constexpr PairKernel kernel = scalar<contact::Features<Tangential, Bonds, Offset
 
 PairKernel scalar_kernel(const KernelTraits& t) {
     if (t.linear)
-        return t.tangential ? (t.offsets ? kernel<true, false, true, true> : kernel<true, false, false, true>)
-                            : (t.offsets ? kernel<false, false, true, true> : kernel<false, false, false, true>);
+        return t.tangential
+                   ? (t.offsets ? kernel<true, false, true, true> : kernel<true, false, false, true>)
+                   : (t.offsets ? kernel<false, false, true, true> : kernel<false, false, false, true>);
     if (t.bonds)
         return t.offsets ? kernel<true, true, true> : kernel<true, true, false>;
     if (t.tangential)
@@ -258,8 +261,9 @@ KernelChoice choose_kernel(const KernelTraits& wanted, bool use_reference) {
     if (use_reference)
         return {reference, traits, "reference:" + traits.name()};
     const std::string target = simd_target();
-    return {target == "scalar" ? scalar_kernel(traits) : (traits.mixed ? mixed_kernel(traits) : vector_kernel(traits)), traits,
-            target + ":" + traits.name()};
+    return {target == "scalar" ? scalar_kernel(traits)
+                               : (traits.mixed ? mixed_kernel(traits) : vector_kernel(traits)),
+            traits, target + ":" + traits.name()};
 }
 
 } // namespace talus::engine

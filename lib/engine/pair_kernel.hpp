@@ -42,14 +42,16 @@ struct KernelTraits {
     friend bool operator==(const KernelTraits&, const KernelTraits&) = default;
 };
 
-/// History of all close pairs, in the list's order, and records of their forces; columns a scene does not need stay
-/// empty. Columns are a vector longer than the list, so that kernels may read and write whole vectors.
+/// History of all close pairs, in the list's order, and records of their forces; columns a scene does not
+/// need stay empty. Columns are a vector longer than the list, so that kernels may read and write whole
+/// vectors.
 ///
-/// Records live no longer than until both particles have added them up, so they are in slots of their own, used
-/// again and again, which stay in the cache (see Simulation::assign_slots). A record has 8 numbers: the force on i
-/// (N; the opposite on j), eta_n before any limit (N s/m), the couple = n x Ft stretched to the contact point (N;
-/// the torque on either particle is its radius times the couple), one unused. Without tangential part it has the
-/// first 4. With mixed precision records are in `force_single` and displacements in single precision as well.
+/// Records live no longer than until both particles have added them up, so they are in slots of their own,
+/// used again and again, which stay in the cache (see Simulation::assign_slots). A record has 8 numbers: the
+/// force on i (N; the opposite on j), eta_n before any limit (N s/m), the couple = n x Ft stretched to the
+/// contact point (N; the torque on either particle is its radius times the couple), one unused. Without
+/// tangential part it has the first 4. With mixed precision records are in `force_single` and displacements
+/// in single precision as well.
 struct PairColumns {
     static constexpr std::size_t padding = 16;
 
@@ -59,8 +61,8 @@ struct PairColumns {
     Column<std::uint8_t> state;
     Column<double> force;
     Column<float> force_single;
-    std::size_t stride = 8;             ///< numbers per record
-    Column<double> spare;               ///< memory for reorder()
+    std::size_t stride = 8; ///< numbers per record
+    Column<double> spare;   ///< memory for reorder()
     Column<float> spare_single;
     Column<std::uint8_t> spare_state;
 
@@ -100,10 +102,11 @@ struct PairWork {
     std::size_t first_slot; ///< of the record of pair `begin`; those of the others follow
 };
 
-/// Computes candidates [begin, end): brings their history forward and writes their records. Reads positions and
-/// velocities of all rows; writes nothing but rows [begin, end) of the pair columns (and the padding after the
-/// last pair), as many slots (likewise) and `tally`. What it writes for a pair depends on that pair alone, so any order of the list and
-/// any cut of it among threads gives the same bits. `begin` is a multiple of 16.
+/// Computes candidates [begin, end): brings their history forward and writes their records. Reads positions
+/// and velocities of all rows; writes nothing but rows [begin, end) of the pair columns (and the padding
+/// after the last pair), as many slots (likewise) and `tally`. What it writes for a pair depends on that pair
+/// alone, so any order of the list and any cut of it among threads gives the same bits. `begin` is a multiple
+/// of 16.
 using PairKernel = void (*)(const PairWork& work, std::size_t begin, std::size_t end, Tally& tally);
 
 struct KernelChoice {

@@ -33,7 +33,7 @@ struct Stage {
 struct Scene {
     Vec3 gravity{0, 0, -9.81};
     Material material;
-    std::vector<Material> more_materials; ///< of particles with material 1, 2, ...; all Hertz-Mindlin
+    std::vector<Material> more_materials;         ///< of particles with material 1, 2, ...; all Hertz-Mindlin
     std::optional<contact::LinearLaw> linear_law; ///< instead of Hertz-Mindlin
     std::optional<BondMaterial> bond;
     bool stress_free_start = false;

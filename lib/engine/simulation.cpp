@@ -61,8 +61,7 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
     if (scene.bond) {
         reach_factor_ = std::max(1.0, scene.bond->bond_initiation_factor);
         for (const contact::Constants& c : constants_.pairs)
-            bond_reach_ =
-                std::max(bond_reach_, contact::bond_reach_per_radius(c) * largest_radius_ / 2);
+            bond_reach_ = std::max(bond_reach_, contact::bond_reach_per_radius(c) * largest_radius_ / 2);
     }
     skin_ = scene.skin * largest_radius_;
     close_skin_ = first_close_skin * largest_radius_;
@@ -137,8 +136,8 @@ void Simulation::load(const Grains& grains) {
             bad(row, fmt::format("its radius {} is not above zero", r));
         const std::size_t kind = grains.material.empty() ? 0 : grains.material[row];
         if (kind >= constants_.count)
-            bad(row, fmt::format("its material is number {}, but the scene has {}: add it to `materials`", kind,
-                                 constants_.count));
+            bad(row, fmt::format("its material is number {}, but the scene has {}: add it to `materials`",
+                                 kind, constants_.count));
         if (constants_.count > 1)
             p.material[row] = static_cast<std::uint8_t>(kind);
         const Material& material = kind == 0 ? scene_.material : scene_.more_materials[kind - 1];
@@ -195,8 +194,8 @@ void Simulation::make_constants() {
     constants_.pairs.clear();
     for (const Material& a : materials)
         for (const Material& b : materials) {
-            contact::Constants c = contact::make_constants(a, b, bond, scene_.damping_rule,
-                                                           scene_.separation, scene_.lever_arm);
+            contact::Constants c =
+                contact::make_constants(a, b, bond, scene_.damping_rule, scene_.separation, scene_.lever_arm);
             const Material both = contact::interface_of(a, b);
             c.friction = both.friction;
             c.damping = contact::damping_number(both.restitution, scene_.damping_rule);
@@ -279,9 +278,9 @@ void Simulation::move_late(const AdvanceWork& work) {
     });
 }
 
-/// Forces at t and the move to t + dt that they cause (or their sums, see AdvanceWork), block by block: a row is
-/// moved once all its pairs are done, which then are still in the cache. Nothing else reads it after that: all
-/// pairs of a row that is not late belong to its thread.
+/// Forces at t and the move to t + dt that they cause (or their sums, see AdvanceWork), block by block: a row
+/// is moved once all its pairs are done, which then are still in the cache. Nothing else reads it after that:
+/// all pairs of a row that is not late belong to its thread.
 void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool add_forces) {
     for (Tally& tally : tallies_) {
         tally.dissipation.reset();
@@ -293,24 +292,26 @@ void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool a
     walls_.compute(particles_, history_step, team_, tallies_);
     if (viscous_damping_ > 0)
         add_viscous_power();
-    for_sweep_parts([&](std::size_t begin, std::size_t end, std::size_t row, std::size_t last_row, int thread) {
-        const auto t = static_cast<std::size_t>(thread);
-        for (std::size_t k = begin; k < end; k += sweep_block) {
-            const std::size_t done = std::min(k + sweep_block, end), block = k / sweep_block;
-            const PairWork pairs{constants_, particles_, list_.candidates(), history_step, pairs_, first_slot(t, block)};
-            kernel_.run(pairs, k, done, tallies_[t]);
-            for (std::size_t f = far_start_[block]; f < far_start_[block + 1]; ++f)
-                pairs_.copy_record(pairs.first_slot + far_pairs_[f] - k, list_.labels()[far_pairs_[f]]);
-            if (add_forces)
-                for (std::size_t pair = k; pair < done; ++pair)
-                    if (pairs_.state[pair] & contact::contact_active)
-                        tallies_[t].contact_force.add(norm(pairs_.force_in(pairs.first_slot + pair - k)));
-            const std::size_t complete = std::clamp(complete_rows_[done / sweep_block], row, last_row);
-            advance(work, row, complete, advanced_[t]);
-            row = complete;
-        }
-        advance(work, row, last_row, advanced_[t]);
-    });
+    for_sweep_parts(
+        [&](std::size_t begin, std::size_t end, std::size_t row, std::size_t last_row, int thread) {
+            const auto t = static_cast<std::size_t>(thread);
+            for (std::size_t k = begin; k < end; k += sweep_block) {
+                const std::size_t done = std::min(k + sweep_block, end), block = k / sweep_block;
+                const PairWork pairs{constants_,   particles_, list_.candidates(),
+                                     history_step, pairs_,     first_slot(t, block)};
+                kernel_.run(pairs, k, done, tallies_[t]);
+                for (std::size_t f = far_start_[block]; f < far_start_[block + 1]; ++f)
+                    pairs_.copy_record(pairs.first_slot + far_pairs_[f] - k, list_.labels()[far_pairs_[f]]);
+                if (add_forces)
+                    for (std::size_t pair = k; pair < done; ++pair)
+                        if (pairs_.state[pair] & contact::contact_active)
+                            tallies_[t].contact_force.add(norm(pairs_.force_in(pairs.first_slot + pair - k)));
+                const std::size_t complete = std::clamp(complete_rows_[done / sweep_block], row, last_row);
+                advance(work, row, complete, advanced_[t]);
+                row = complete;
+            }
+            advance(work, row, last_row, advanced_[t]);
+        });
     move_late(work);
     collect_tallies(history_step == 0);
 }
@@ -375,14 +376,16 @@ void Simulation::stop_at_bad_particle() const {
     for (std::size_t row = 0; row < p.owned; ++row) {
         const Vec3 v = p.velocity[row].vec(), w = p.angular_velocity[row].vec();
         if (!(norm2(v) < 1e300) || !is_finite(w) || !(norm2(w) < 1e300))
-            throw Error(ExitCode::run_failed,
-                        fmt::format("particle {}: its velocity is no longer a number, or beyond all bounds, at step "
-                                    "{} (t = {:.6g} s), {}: take a smaller time.step",
-                                    p.id[row], step_ + 1, time(), near_particles(row)));
+            throw Error(
+                ExitCode::run_failed,
+                fmt::format("particle {}: its velocity is no longer a number, or beyond all bounds, at step "
+                            "{} (t = {:.6g} s), {}: take a smaller time.step",
+                            p.id[row], step_ + 1, time(), near_particles(row)));
     }
-    throw Error(ExitCode::run_failed,
-                fmt::format("a velocity is no longer a number at step {} (t = {:.6g} s): take a smaller time.step",
-                            step_ + 1, time()));
+    throw Error(
+        ExitCode::run_failed,
+        fmt::format("a velocity is no longer a number at step {} (t = {:.6g} s): take a smaller time.step",
+                    step_ + 1, time()));
 }
 
 /// Somebody moved by more than half the smallest radius in this step. That is no harm where nobody was in the
@@ -397,11 +400,12 @@ void Simulation::check_passing() const {
         if (dt * norm(p.velocity[row].vec()) > allowed)
             fast.push_back(row);
     const auto stop = [&](std::uint32_t i, const std::string& how) {
-        throw Error(ExitCode::run_failed,
-                    fmt::format("particle {}: moves {:.3g} of the smallest radius in step {} (t = {:.6g} s, {:.4g} "
-                                "m/s) {}: take a smaller time.step",
-                                p.id[i], dt * norm(p.velocity[i].vec()) / smallest_radius_, step_ + 1, time(),
-                                norm(p.velocity[i].vec()), how));
+        throw Error(
+            ExitCode::run_failed,
+            fmt::format("particle {}: moves {:.3g} of the smallest radius in step {} (t = {:.6g} s, {:.4g} "
+                        "m/s) {}: take a smaller time.step",
+                        p.id[i], dt * norm(p.velocity[i].vec()) / smallest_radius_, step_ + 1, time(),
+                        norm(p.velocity[i].vec()), how));
     };
     if (fast.size() > 200'000'000 / p.owned + 1)
         stop(fast.front(), fmt::format("as {} others do, and may pass particles unseen", fast.size() - 1));
@@ -420,7 +424,8 @@ void Simulation::check_passing() const {
             for (int k = 0; k < 3; ++k)
                 if (images_.box().periodic[static_cast<std::size_t>(k)])
                     end[k] -= std::round(end[k] / edges[k]) * edges[k];
-            const double back = std::clamp(dot(end, way) / length2, 0.0, 1.0); // nearest this part of the step ago
+            const double back =
+                std::clamp(dot(end, way) / length2, 0.0, 1.0); // nearest this part of the step ago
             if (norm(end - back * way) < p.position[i].w + p.position[j].w && back > 0)
                 stop(i, fmt::format("and meets particle {} on its way", p.id[j]));
         }

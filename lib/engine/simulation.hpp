@@ -69,8 +69,9 @@ struct SavedState {
 /// the forces' velocities predicted to the full step and the tangential history advanced with half-step
 /// velocities and normals: second order throughout.
 ///
-/// Between steps: positions at the full step t, velocities at t - dt/2. Forces at t are computed in the next step,
-/// in one sweep with the move that they cause, or as soon as somebody asks for anything that depends on them.
+/// Between steps: positions at the full step t, velocities at t - dt/2. Forces at t are computed in the next
+/// step, in one sweep with the move that they cause, or as soon as somebody asks for anything that depends on
+/// them.
 class Simulation {
 public:
     /// @throws Error(configuration_invalid) for a step above the stable limit, a box too small for its
@@ -195,23 +196,24 @@ private:
     std::int64_t step_ = 0, last_rebuild_ = 0, last_refresh_ = 0;
     double reach_factor_ = 1, bond_reach_ = 0, largest_radius_ = 0, smallest_radius_ = 0, mean_radius_ = 0;
     double skin_ = 0, close_skin_ = 0; ///< m; of the close one the least share of a particle
-    double used_ = 0;        ///< the largest part of his share that anybody can have used up
-    double displaced_ = 0;   ///< m, the furthest anybody had moved since the outer list when the close one was made
+    double used_ = 0;                  ///< the largest part of his share that anybody can have used up
+    double displaced_ =
+        0; ///< m, the furthest anybody had moved since the outer list when the close one was made
     double wall_travel_ = 0; ///< m, the same of walls
     double viscous_damping_ = 0;
     bool current_ = false; ///< the forces are those at the present time
     std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, refreshes_ = 0, intact_bonds_ = 0;
-    std::vector<Vec3> listed_position_; ///< positions when the outer list was made
+    std::vector<Vec3> listed_position_;           ///< positions when the outer list was made
     std::vector<std::array<float, 3>> refreshed_; ///< displacements since then when the close list was made
     std::vector<float> share_; ///< m, by which a particle may move before the close list is made anew
     std::vector<std::size_t> complete_rows_; ///< rows whose pairs all stand before the k-th block of pairs
-    std::vector<std::uint8_t> hold_; ///< [owned] rows that do not move with the sweep
+    std::vector<std::uint8_t> hold_;         ///< [owned] rows that do not move with the sweep
     std::vector<std::vector<std::uint32_t>> late_; ///< by thread: rows that wait for pairs of others
-    NetColumns net_;                    ///< what acts at the present time, where the forces are current
-    double contact_force_ = 0;          ///< N, sum over pairs of the magnitudes then
-    std::vector<std::uint32_t> far_pairs_;  ///< whose records outlive the ring, in rising order
-    std::vector<std::size_t> far_start_;    ///< the first of each block
-    std::vector<Advanced> advanced_;    ///< by thread
+    NetColumns net_;                       ///< what acts at the present time, where the forces are current
+    double contact_force_ = 0;             ///< N, sum over pairs of the magnitudes then
+    std::vector<std::uint32_t> far_pairs_; ///< whose records outlive the ring, in rising order
+    std::vector<std::size_t> far_start_;   ///< the first of each block
+    std::vector<Advanced> advanced_;       ///< by thread
     std::vector<Tally> tallies_;
     std::vector<BondBreak> breaks_;
     /// Powers (W) integrated by the trapezoidal rule, and one energy (J) lost in jumps.

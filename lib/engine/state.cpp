@@ -137,10 +137,11 @@ void Simulation::restore(const SavedState& s) {
         if (!is_finite(s.position[id]) || !is_finite(s.half_velocity[id]) ||
             !is_finite(s.half_angular_velocity[id]) || !is_finite(s.acceleration[id]) ||
             !is_finite(s.angular_acceleration[id]))
-            throw Error(ExitCode::input_invalid,
-                        fmt::format("the checkpoint's particle {} has a position, velocity or acceleration that is "
-                                    "not a number: go on from an earlier checkpoint",
-                                    id));
+            throw Error(
+                ExitCode::input_invalid,
+                fmt::format("the checkpoint's particle {} has a position, velocity or acceleration that is "
+                            "not a number: go on from an earlier checkpoint",
+                            id));
     for (std::size_t row = 0; row < n; ++row) {
         const std::uint64_t id = p.id[row];
         p.position[row].set(s.position[id]);

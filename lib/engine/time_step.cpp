@@ -20,10 +20,9 @@ QuickestGrain quickness(const Scene& scene, const Material& material, double rad
 TimeStep choose_time_step(const Scene& scene, const QuickestGrain& quickest, bool tangential) {
     TimeStep chosen;
     chosen.rayleigh_time = quickest.time;
-    const std::string time =
-        fmt::format("{} {:.4g} s of the grain that swings fastest (r = {:.4g} m, m = {:.4g} kg)",
-                    scene.linear_law ? "time sqrt(m/k)" : "Rayleigh time", quickest.time, quickest.radius,
-                    quickest.mass);
+    const std::string time = fmt::format(
+        "{} {:.4g} s of the grain that swings fastest (r = {:.4g} m, m = {:.4g} kg)",
+        scene.linear_law ? "time sqrt(m/k)" : "Rayleigh time", quickest.time, quickest.radius, quickest.mass);
     chosen.step = scene.step.value_or(scene.step_fraction * chosen.rayleigh_time);
     const double fraction = chosen.step / chosen.rayleigh_time;
     chosen.reason = fmt::format("{:.4g} s = {:.3g} of the {}", chosen.step, fraction, time);
@@ -33,10 +32,11 @@ TimeStep choose_time_step(const Scene& scene, const QuickestGrain& quickest, boo
     if (fraction > limit * (1 + 1e-12) && !scene.allow_unstable)
         throw Error(
             ExitCode::configuration_invalid,
-            fmt::format("time.step: {} is above the stable limit of {:.4g} s ({} of that time{}), beyond which "
-                        "dense packings gain energy; take a smaller step or set time.allow_unstable",
-                        chosen.reason, limit * chosen.rayleigh_time, limit,
-                        tangential ? ", with friction or bonds" : ""));
+            fmt::format(
+                "time.step: {} is above the stable limit of {:.4g} s ({} of that time{}), beyond which "
+                "dense packings gain energy; take a smaller step or set time.allow_unstable",
+                chosen.reason, limit * chosen.rayleigh_time, limit,
+                tangential ? ", with friction or bonds" : ""));
     return chosen;
 }
 

@@ -8,16 +8,17 @@ namespace talus::engine {
 
 /// The chosen step and why.
 struct TimeStep {
-    double step = 0;          ///< s
-    double rayleigh_time = 0; ///< s, of the smallest mobile sphere; with the linear law sqrt(m/k) of the lightest
+    double step = 0; ///< s
+    double rayleigh_time =
+        0; ///< s, of the smallest mobile sphere; with the linear law sqrt(m/k) of the lightest
     std::string reason;
 };
 
-/// Largest stable fraction of the Rayleigh time. A sphere held by many stiff contacts oscillates faster than one
-/// alone, the faster the more they overlap, and with friction fastest where all turn alike. Measured on
-/// face-centred packings (12 contacts, restitution 0.05 to 1) at an overlap of 3 % of the radius, which stands for
-/// a few hundred kPa at E = 100 MPa: 0.27 with friction or bonds, 0.71 without; at 10 % 0.21 and 0.53
-/// (tests/engine/stress.cpp).
+/// Largest stable fraction of the Rayleigh time. A sphere held by many stiff contacts oscillates faster than
+/// one alone, the faster the more they overlap, and with friction fastest where all turn alike. Measured on
+/// face-centred packings (12 contacts, restitution 0.05 to 1) at an overlap of 3 % of the radius, which
+/// stands for a few hundred kPa at E = 100 MPa: 0.27 with friction or bonds, 0.71 without; at 10 % 0.21 and
+/// 0.53 (tests/engine/stress.cpp).
 constexpr double stable_fraction(bool tangential) {
     return tangential ? 0.25 : 0.6;
 }

@@ -238,7 +238,8 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
             Components spin, twist, spin_kick;
             if constexpr (OneSize) {
                 for (std::size_t l = 0; l < lanes; ++l)
-                    quads[l] = load_quad(&angular_velocity[c[l].i].x) + load_quad(&angular_velocity[c[l].j].x);
+                    quads[l] =
+                        load_quad(&angular_velocity[c[l].i].x) + load_quad(&angular_velocity[c[l].j].x);
                 twist = components(quads);
                 const V r = hn::Set(d, r0);
                 spin = {hn::Mul(r, twist.x), hn::Mul(r, twist.y), hn::Mul(r, twist.z), zero};
@@ -248,8 +249,8 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
                     const Quad wi = load_quad(&angular_velocity[c[l].i].x),
                                wj = load_quad(&angular_velocity[c[l].j].x);
                     sums[l] = with_w(wi + wj, quad(velocity[c[l].i].w) + quad(velocity[c[l].j].w));
-                    quads[l] = with_w(quad(position[c[l].i].w) * wi + quad(position[c[l].j].w) * wj,
-                                      products[l]);
+                    quads[l] =
+                        with_w(quad(position[c[l].i].w) * wi + quad(position[c[l].j].w) * wj, products[l]);
                 }
                 twist = components(sums);
                 spin = components(quads);
@@ -325,8 +326,9 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
         for (; broken != 0; broken &= broken - 1) {
             const auto l = static_cast<std::size_t>(std::countr_zero(broken));
             pairs.store(k + l, kept[l]);
-            one_by_one({work.constants, p, work.candidates, work.step, pairs, work.first_slot + k + l - begin}, k + l,
-                       k + l + 1, tally);
+            one_by_one(
+                {work.constants, p, work.candidates, work.step, pairs, work.first_slot + k + l - begin},
+                k + l, k + l + 1, tally);
         }
     }
     dissipation.give_to(tally.dissipation);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-/// contact/law.hpp once more, several pairs at a time: what `contact_force` does with branches is done with masks
-/// here, step by step in the same order. Tests hold both equal to 1e-12.
+/// contact/law.hpp once more, several pairs at a time: what `contact_force` does with branches is done with
+/// masks here, step by step in the same order. Tests hold both equal to 1e-12.
 #if defined(TALUS_ENGINE_VECTOR_LAW_INL) == defined(HWY_TARGET_TOGGLE)
 #ifdef TALUS_ENGINE_VECTOR_LAW_INL
 #undef TALUS_ENGINE_VECTOR_LAW_INL
@@ -95,14 +95,13 @@ HWY_INLINE LaneForce<T, Mask> lane_force(R r, const LaneConstants<T>& c, const c
             const T approach = dot(m.half_velocity, m.normal);
             const Three<T> centre = take_scaled(m.half_velocity, approach, m.normal);
             const Three<T> middle = add_scaled(m.normal, hn::Mul(set(0.5 * step), m.turning), centre);
-            const Three<T> v =
-                take_scaled(m.half_velocity, dot(m.half_velocity, middle), middle) + cross(m.half_spin, middle);
+            const Three<T> v = take_scaled(m.half_velocity, dot(m.half_velocity, middle), middle) +
+                               cross(m.half_spin, middle);
             const Three<T> rate = take_scaled(v, dot(v, m.normal), m.normal);
             T since = set(step);
             const Mask touched = hn::AndNot(was_active, active_now);
             if (!hn::AllFalse(r, touched)) { // within this step: only the time since then counts
-                const Mask sooner =
-                    hn::And(touched, hn::Gt(hn::Mul(approach, set(step)), m.overlap));
+                const Mask sooner = hn::And(touched, hn::Gt(hn::Mul(approach, set(step)), m.overlap));
                 since = hn::IfThenElse(sooner, hn::Div(m.overlap, hn::IfThenElse(sooner, approach, set(1))),
                                        since);
             }
@@ -111,10 +110,11 @@ HWY_INLINE LaneForce<T, Mask> lane_force(R r, const LaneConstants<T>& c, const c
         trial = hn::Neg(kt) * u;
         trial = take_scaled(trial, eta_t, vt);
         if constexpr (F::bonds) {
-            const T shear_strength = hn::MulAdd(c.friction, hn::Abs(spring_dashpot),
-                                                hn::Mul(set(common.bond_friction), strength));
-            f.broken = hn::Or(f.broken, hn::And(bonded, hn::Gt(dot(trial, trial),
-                                                               hn::Mul(shear_strength, shear_strength))));
+            const T shear_strength =
+                hn::MulAdd(c.friction, hn::Abs(spring_dashpot), hn::Mul(set(common.bond_friction), strength));
+            f.broken =
+                hn::Or(f.broken,
+                       hn::And(bonded, hn::Gt(dot(trial, trial), hn::Mul(shear_strength, shear_strength))));
         }
     }
     if (common.separation == contact::Separation::no_tension)

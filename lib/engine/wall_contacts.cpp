@@ -106,11 +106,10 @@ void WallContacts::compute(const ParticleColumns& p, double step, ThreadTeam& te
             m.half_twist = 0.5 * dot(w, m.normal);
             const double load = p.half_kick[e.row].damping_load;
             const bool linear = c.law == contact::Law::linear;
-            const contact::Force f =
-                tangential_ ? (linear ? push<true, true>(c, m, load, step, e.history)
-                                      : push<true, false>(c, m, load, step, e.history))
-                            : (linear ? push<false, true>(c, m, load, step, e.history)
-                                      : push<false, false>(c, m, load, step, e.history));
+            const contact::Force f = tangential_ ? (linear ? push<true, true>(c, m, load, step, e.history)
+                                                           : push<true, false>(c, m, load, step, e.history))
+                                                 : (linear ? push<false, true>(c, m, load, step, e.history)
+                                                           : push<false, false>(c, m, load, step, e.history));
             e.force = f.tangential - f.normal * m.normal;
             e.damping = f.active ? f.damping : 0;
             e.couple = stretch * cross(m.normal, f.tangential);

@@ -38,7 +38,8 @@ public:
     void set_stress_free(const ParticleColumns& p);
     void compute(const ParticleColumns& p, double step, ThreadTeam& team, std::vector<Tally>& tallies);
 
-    /// Whether a sphere at x touches a wall after a move that took it nearer to it by more than `allowed` (m).
+    /// Whether a sphere at x touches a wall after a move that took it nearer to it by more than `allowed`
+    /// (m).
     bool reached(const Vec3& x, double radius, const Vec3& move, double allowed) const {
         for (const PlaneWall& wall : walls_)
             if (dot(x - wall.point, wall.normal) < radius && -dot(move, wall.normal) > allowed)

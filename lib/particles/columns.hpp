@@ -24,9 +24,9 @@ struct alignas(32) Record {
 /// from the half step, where they are stored, to the full step, where forces act. Single precision: it is a
 /// small correction, only gathered.
 struct alignas(32) HalfKick {
-    float vx = 0, vy = 0, vz = 0;   ///< m s-1
-    float damping_load = 0;         ///< sum of the contacts' eta_n dt / m at the last full step
-    float sx = 0, sy = 0, sz = 0;   ///< m s-1
+    float vx = 0, vy = 0, vz = 0; ///< m s-1
+    float damping_load = 0;       ///< sum of the contacts' eta_n dt / m at the last full step
+    float sx = 0, sy = 0, sz = 0; ///< m s-1
     float unused = 0;
 
     HalfKick() = default;
@@ -48,12 +48,12 @@ struct alignas(32) HalfMotion {
 /// The engine's particles, column by column. Rows [0, owned) are this domain's own, in a space-filling order;
 /// rows [owned, size) are ghosts: periodic images (later also copies from other ranks) of owned rows.
 struct ParticleColumns {
-    Column<Record> position;         ///< m; w: radius, m
-    Column<Record> velocity;         ///< m s-1 at the last half step; w: mass, kg
-    Column<Record> angular_velocity; ///< rad s-1 at the last half step; w: moment of inertia, kg m2
-    Column<HalfKick> half_kick;      ///< from the half step on to the next full step (prediction)
-    Column<HalfMotion> half_motion;  ///< with mixed precision only
-    std::vector<std::uint64_t> id;   ///< global id = row in every file
+    Column<Record> position;            ///< m; w: radius, m
+    Column<Record> velocity;            ///< m s-1 at the last half step; w: mass, kg
+    Column<Record> angular_velocity;    ///< rad s-1 at the last half step; w: moment of inertia, kg m2
+    Column<HalfKick> half_kick;         ///< from the half step on to the next full step (prediction)
+    Column<HalfMotion> half_motion;     ///< with mixed precision only
+    std::vector<std::uint64_t> id;      ///< global id = row in every file
     std::vector<std::uint8_t> material; ///< index into the scene's materials; empty where there is one
 
     std::vector<Species> species; ///< owned rows

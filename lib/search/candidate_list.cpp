@@ -159,7 +159,8 @@ std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::
             const Candidate old = candidates_[k];
             const std::uint32_t i = row_scratch_[owner_before(old.i)], j = row_scratch_[owner_before(old.j)];
             // The image of j against i, counted in the positions after both were wrapped.
-            const Shift image = shift_before(old.j) - shift_before(old.i) - wrapped[i] - (Shift{} - wrapped[j]);
+            const Shift image =
+                shift_before(old.j) - shift_before(old.i) - wrapped[i] - (Shift{} - wrapped[j]);
             const auto in_row = [&](std::uint32_t holder, std::uint32_t other, const Shift& of_other) {
                 for (std::uint32_t o = first_[holder]; o < first_[holder + 1]; ++o)
                     if (p.owner(partner_[o]) == other && p.shift(partner_[o]) == of_other)
@@ -180,9 +181,10 @@ std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::
     return lost;
 }
 
-std::size_t CandidateList::rebuild(const ParticleColumns& p, double factor, double margin, double close_factor,
-                                   std::span<const float> share, std::span<const std::uint32_t> old_row,
-                                   std::span<const Shift> wrapped, Live live, ThreadTeam& team) {
+std::size_t CandidateList::rebuild(const ParticleColumns& p, double factor, double margin,
+                                   double close_factor, std::span<const float> share,
+                                   std::span<const std::uint32_t> old_row, std::span<const Shift> wrapped,
+                                   Live live, ThreadTeam& team) {
     find(p, factor, margin, team);
     fit(previous_of_outer_, holder_.size());
     std::fill(previous_of_outer_.begin(), previous_of_outer_.end(), no_candidate);
@@ -193,7 +195,8 @@ std::size_t CandidateList::rebuild(const ParticleColumns& p, double factor, doub
     return lost;
 }
 
-void CandidateList::refresh(const ParticleColumns& p, std::span<const float> share, Live live, ThreadTeam& team) {
+void CandidateList::refresh(const ParticleColumns& p, std::span<const float> share, Live live,
+                            ThreadTeam& team) {
     fit(previous_of_outer_, holder_.size());
     std::fill(previous_of_outer_.begin(), previous_of_outer_.end(), no_candidate);
     team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
@@ -334,9 +337,10 @@ void CandidateList::relabel(ThreadTeam& team) {
 
 std::size_t CandidateList::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
-    std::size_t sum = bytes(holder_) + bytes(partner_) + bytes(first_) + bytes(candidates_) + bytes(outer_of_) +
-                      bytes(close_first_) + bytes(previous_) + bytes(references_) + bytes(reference_start_) +
-                      bytes(ghost_owner_) + bytes(ghost_shift_) + bytes(previous_of_outer_) + bytes(row_scratch_);
+    std::size_t sum = bytes(holder_) + bytes(partner_) + bytes(first_) + bytes(candidates_) +
+                      bytes(outer_of_) + bytes(close_first_) + bytes(previous_) + bytes(references_) +
+                      bytes(reference_start_) + bytes(ghost_owner_) + bytes(ghost_shift_) +
+                      bytes(previous_of_outer_) + bytes(row_scratch_);
     for (const auto& found : found_)
         sum += bytes(found);
     for (const auto& rows : class_rows_)

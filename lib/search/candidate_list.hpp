@@ -13,7 +13,8 @@
 namespace talus::search {
 
 /// Two rows that may touch before the next refresh; `i` has the lower global id. At least one of them is an
-/// owned row that can move. The other may be a ghost. A particle beside its own periodic image is paired once.
+/// owned row that can move. The other may be a ghost. A particle beside its own periodic image is paired
+/// once.
 struct Candidate {
     std::uint32_t i, j;
 };
@@ -27,25 +28,26 @@ struct Reference {
 
 constexpr std::uint32_t no_candidate = ~std::uint32_t{0};
 
-/// Near pairs on two levels. The outer list holds all pairs that could touch until somebody has moved half its
-/// skin; it takes a search to make. The close list holds those of the outer list that could touch until somebody
-/// has moved half a much smaller skin, and those that carry history; it takes one pass over the outer list to
-/// make, and is what forces are computed over. For each particle that moves there is the table of its close pairs in the
-/// order of the partner's id: adding up a particle's forces in that order gives the same bits whatever the
-/// storage order, the age of the lists or the number of threads (after Nishiura & Sakaguchi, Eur. Phys. J.
-/// Special Topics 196 (2011), who use such a table to avoid write conflicts).
+/// Near pairs on two levels. The outer list holds all pairs that could touch until somebody has moved half
+/// its skin; it takes a search to make. The close list holds those of the outer list that could touch until
+/// somebody has moved half a much smaller skin, and those that carry history; it takes one pass over the
+/// outer list to make, and is what forces are computed over. For each particle that moves there is the table
+/// of its close pairs in the order of the partner's id: adding up a particle's forces in that order gives the
+/// same bits whatever the storage order, the age of the lists or the number of threads (after Nishiura &
+/// Sakaguchi, Eur. Phys. J. Special Topics 196 (2011), who use such a table to avoid write conflicts).
 ///
 /// Each pair is held by one owned row: the one that moves or, of two that do, the much smaller one or, of
-/// two alike, the lower one. Both lists are in the order of the holders' rows, so that (sizes alike) all pairs of
-/// a row stand before those of the next: it can be moved while its pairs' forces are still in the cache.
+/// two alike, the lower one. Both lists are in the order of the holders' rows, so that (sizes alike) all
+/// pairs of a row stand before those of the next: it can be moved while its pairs' forces are still in the
+/// cache.
 class CandidateList {
 public:
     /// Candidates that vector code may read beyond the last one (repetitions of it).
     static constexpr std::size_t padding = 32;
 
-    /// Which pairs of the present close list carry history: those with state & mask, or with an offset (which may
-    /// be empty: none has). Those with state & bound may not go beyond the outer list's reach; the others have
-    /// parted where they do.
+    /// Which pairs of the present close list carry history: those with state & mask, or with an offset (which
+    /// may be empty: none has). Those with state & bound may not go beyond the outer list's reach; the others
+    /// have parted where they do.
     struct Live {
         std::span<const std::uint8_t> state;
         std::uint8_t mask = 0xff, bound = 0;
@@ -55,9 +57,9 @@ public:
         }
     };
 
-    /// Makes both lists: outer pairs have distance < (ri + rj) factor + margin, close ones distance < (ri + rj)
-    /// close_factor + share_i + share_j. Afterwards `previous()[k]` tells where close pair k stood before, or
-    /// `no_candidate` for pairs that were not there or not live.
+    /// Makes both lists: outer pairs have distance < (ri + rj) factor + margin, close ones distance < (ri +
+    /// rj) close_factor + share_i + share_j. Afterwards `previous()[k]` tells where close pair k stood
+    /// before, or `no_candidate` for pairs that were not there or not live.
     ///
     /// @param p         columns, sorted, with ghosts reaching at least the largest cutoff beyond owned rows
     /// @param share     [owned] m, what each particle may move before the close list is made anew
@@ -77,13 +79,13 @@ public:
     std::uint32_t first(std::size_t row) const { return close_first_[row]; }
     /// First row whose pairs all begin at or after this close pair.
     std::size_t row_at(std::size_t pair) const {
-        return static_cast<std::size_t>(
-            std::lower_bound(close_first_.begin(), close_first_.end(), pair) - close_first_.begin());
+        return static_cast<std::size_t>(std::lower_bound(close_first_.begin(), close_first_.end(), pair) -
+                                        close_first_.begin());
     }
     /// Number of rows whose pairs all stand before this close pair.
     std::size_t rows_before(std::size_t pair) const {
-        return static_cast<std::size_t>(
-                   std::upper_bound(close_first_.begin(), close_first_.end(), pair) - close_first_.begin()) -
+        return static_cast<std::size_t>(std::upper_bound(close_first_.begin(), close_first_.end(), pair) -
+                                        close_first_.begin()) -
                1;
     }
     /// The row that would hold this pair.
@@ -92,14 +94,15 @@ public:
         return {references_.data() + reference_start_[row],
                 reference_start_[row + 1] - reference_start_[row]};
     }
-    /// The tables of all rows, for loops that walk them in order: row's is [start[row], start[row + 1]). Followed
-    /// by padding.
+    /// The tables of all rows, for loops that walk them in order: row's is [start[row], start[row + 1]).
+    /// Followed by padding.
     const Reference* all_references() const { return references_.data(); }
     const std::uint32_t* reference_start() const { return reference_start_.data(); }
     /// Numbers for the close pairs, to be given to `relabel`; they take the place of `previous()`.
     std::span<std::uint32_t> labels() { return {previous_.data(), close_size_}; }
     std::span<const std::uint32_t> labels() const { return {previous_.data(), close_size_}; }
-    /// Makes every reference to close pair k one to labels()[k], for whoever keeps what it refers to elsewhere.
+    /// Makes every reference to close pair k one to labels()[k], for whoever keeps what it refers to
+    /// elsewhere.
     void relabel(ThreadTeam& team);
     std::size_t outer_size() const { return holder_.size(); }
     std::size_t memory() const;

@@ -83,8 +83,8 @@ void SortedPoints::build(const ParticleColumns& p, std::span<const std::uint32_t
     team.for_range(n, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k) {
             const Record& r = p.position[row_of(k)];
-            place_[k] = static_cast<std::uint32_t>(
-                index(cell_along(0, r.x), cell_along(1, r.y), cell_along(2, r.z)));
+            place_[k] =
+                static_cast<std::uint32_t>(index(cell_along(0, r.x), cell_along(1, r.y), cell_along(2, r.z)));
         }
     });
     start_.assign(cells + 1, 0);
@@ -133,7 +133,8 @@ void SortedPoints::near(const Vec3& centre, double reach, double near, double fa
 
 std::size_t SortedPoints::memory() const {
     return (x_.capacity() + y_.capacity() + z_.capacity() + radius_.capacity()) * sizeof(float) +
-           (row_.capacity() + place_.capacity() + start_.capacity() + fill_.capacity()) * sizeof(std::uint32_t);
+           (row_.capacity() + place_.capacity() + start_.capacity() + fill_.capacity()) *
+               sizeof(std::uint32_t);
 }
 
 } // namespace talus::search

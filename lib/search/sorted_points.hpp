@@ -11,9 +11,9 @@
 
 namespace talus::search {
 
-/// Spheres copied cell by cell into columns of their own, so that a neighbour search reads memory in order and
-/// tests several at a time. The copies are in single precision, relative to the lowest corner; a search reaches
-/// further by what that rounds. Memory is reused from build to build.
+/// Spheres copied cell by cell into columns of their own, so that a neighbour search reads memory in order
+/// and tests several at a time. The copies are in single precision, relative to the lowest corner; a search
+/// reaches further by what that rounds. Memory is reused from build to build.
 class SortedPoints {
 public:
     /// Sorts these rows of `p` into cells at least `smallest_cell` (m) wide.

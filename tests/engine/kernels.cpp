@@ -56,7 +56,8 @@ TEST(Kernels, EveryInstantiationMovesAsTheReferenceDoes) {
                 }
                 EXPECT_GT(a.contacts(), 100u);
                 EXPECT_GT(largest, 1e-3);
-                // Half kicks are kept in single precision: a rounding that falls the other way is 6e-8 of a kick.
+                // Half kicks are kept in single precision: a rounding that falls the other way is 6e-8 of a
+                // kick.
                 EXPECT_LT(difference, 1e-8 * largest) << a.kernel_name();
             }
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-/// Every instantiation of the pair kernel on every instruction set of this machine against the scalar reference,
-/// pair by pair, over random pairs in every state.
-#include "base/random.hpp"
+/// Every instantiation of the pair kernel on every instruction set of this machine against the scalar
+/// reference, pair by pair, over random pairs in every state.
 #include "base/error.hpp"
+#include "base/random.hpp"
 #include "base/simd_target.hpp"
 #include "engine/pair_kernel.hpp"
 
@@ -80,15 +80,13 @@ Pairs random_pairs(const KernelTraits& traits, std::size_t count, std::uint64_t 
     for (const Material& a : {soft, hard})
         for (const Material& b : {soft, hard}) {
             out.constants.pairs.push_back(
-                traits.linear
-                    ? contact::make_linear_constants({2e4, 6e3, 300, 100}, a.friction,
-                                                     contact::Separation::tension,
-                                                     contact::LeverArm::contact_point)
-                    : contact::make_constants(a, b, bond, contact::DampingRule::paper,
-                                              seed % 2 ? contact::Separation::tension
-                                                       : contact::Separation::no_tension,
-                                              seed % 3 ? contact::LeverArm::contact_point
-                                                       : contact::LeverArm::radius));
+                traits.linear ? contact::make_linear_constants({2e4, 6e3, 300, 100}, a.friction,
+                                                               contact::Separation::tension,
+                                                               contact::LeverArm::contact_point)
+                              : contact::make_constants(
+                                    a, b, bond, contact::DampingRule::paper,
+                                    seed % 2 ? contact::Separation::tension : contact::Separation::no_tension,
+                                    seed % 3 ? contact::LeverArm::contact_point : contact::LeverArm::radius));
             if (out.constants.count == 1)
                 return out;
         }
@@ -103,8 +101,7 @@ struct Outcome {
 Outcome run(const KernelChoice& kernel, const Pairs& given, std::size_t count, double step) {
     Outcome out{given.start, {ExactSum(1), ExactSum(1), ExactSum(1), 0, {}, ExactSum(1)}};
     out.pairs.make_slots(count + PairColumns::padding, kernel.traits);
-    PairWork work{given.constants, given.particles, {given.candidates.data(), count}, step, out.pairs,
-                  0};
+    PairWork work{given.constants, given.particles, {given.candidates.data(), count}, step, out.pairs, 0};
     kernel.run(work, 0, 48, out.tally); // in two parts, the second of odd length
     work.first_slot = 48;
     kernel.run(work, 48, count, out.tally);
@@ -119,7 +116,8 @@ std::vector<KernelTraits> all_traits() {
                 for (const bool offsets : {false, true})
                     for (const int sizes : {0, 1, 2})
                         if (!(bonds && (!tangential || linear)) && !(linear && sizes == 2))
-                            all.push_back({tangential, bonds, offsets, linear, sizes == 0, sizes == 2, false});
+                            all.push_back(
+                                {tangential, bonds, offsets, linear, sizes == 0, sizes == 2, false});
     return all;
 }
 
@@ -164,8 +162,8 @@ void compare(const KernelTraits& traits, double least_tolerance) {
                 EXPECT_EQ(a.state, b.state) << k;
                 EXPECT_EQ(a.offset, b.offset) << k;
                 // Spring and dashpot (eta_n times some 0.5 m/s) may cancel.
-                const double scale = norm(slow.pairs.force_in(k)) +
-                                     0.5 * slow.pairs.force[k * slow.pairs.stride + 3] + 1e-7;
+                const double scale =
+                    norm(slow.pairs.force_in(k)) + 0.5 * slow.pairs.force[k * slow.pairs.stride + 3] + 1e-7;
                 const double tolerance = least_tolerance + rounding_of_overlap(given, k);
                 EXPECT_LT(norm(fast.pairs.force_in(k) - slow.pairs.force_in(k)), tolerance * scale) << k;
                 EXPECT_LT(norm(a.tangential_displacement - b.tangential_displacement),
@@ -174,9 +172,9 @@ void compare(const KernelTraits& traits, double least_tolerance) {
                 for (std::size_t d = 3; d < fast.pairs.stride; ++d) {
                     const std::size_t at = k * fast.pairs.stride + d;
                     const double value = traits.mixed ? fast.pairs.force_single[at] : fast.pairs.force[at];
-                    const double exactly = d < slow.pairs.stride ? slow.pairs.force[k * slow.pairs.stride + d] : 0;
-                    EXPECT_NEAR(value, exactly, tolerance * (std::abs(exactly) + scale))
-                        << k << " " << d;
+                    const double exactly =
+                        d < slow.pairs.stride ? slow.pairs.force[k * slow.pairs.stride + d] : 0;
+                    EXPECT_NEAR(value, exactly, tolerance * (std::abs(exactly) + scale)) << k << " " << d;
                 }
                 active += (a.state & contact::contact_active) != 0;
             }

@@ -35,10 +35,11 @@ SceneSettings::SceneSettings(cli::Settings& s) : settings_(s) {
     s.flag("stress_free_start", scene_.stress_free_start,
            "all forces begin at zero: overlap offsets are set");
 
-    s.choice("contact.law", law_, {"hertz-mindlin", "linear"},
-             "contact law; linear: springs of constant stiffness, dashpots proportional to the effective mass");
-    s.number("contact.normal_stiffness", linear_.normal_stiffness, Unit::stiffness,
-             "of the linear law", cli::not_negative);
+    s.choice(
+        "contact.law", law_, {"hertz-mindlin", "linear"},
+        "contact law; linear: springs of constant stiffness, dashpots proportional to the effective mass");
+    s.number("contact.normal_stiffness", linear_.normal_stiffness, Unit::stiffness, "of the linear law",
+             cli::not_negative);
     s.number("contact.tangential_stiffness", linear_.tangential_stiffness, Unit::stiffness,
              "of the linear law", cli::not_negative);
     s.number("contact.normal_damping", linear_.normal_damping, Unit::frequency,
@@ -174,7 +175,8 @@ void SceneSettings::check() const {
                          "found a value above 0, expected 0: this version computes every grain");
     const bool linear = law_ == "linear";
     if (linear && !(linear_.normal_stiffness > 0))
-        settings_.reject("contact.normal_stiffness", "found none above zero, expected the linear law's k_n in N/m");
+        settings_.reject("contact.normal_stiffness",
+                         "found none above zero, expected the linear law's k_n in N/m");
     if (linear && scene_.material.friction > 0 && !(linear_.tangential_stiffness > 0))
         settings_.reject("contact.tangential_stiffness",
                          "found none above zero, expected the linear law's k_t in N/m: there is friction");
@@ -195,8 +197,8 @@ void SceneSettings::check() const {
                                      {"contact.normal_damping", linear_.normal_damping},
                                      {"contact.tangential_damping", linear_.tangential_damping}})
         if (!linear && value > 0)
-            settings_.reject(key,
-                             "found a value, but contact.law is \"hertz-mindlin\", expected it with \"linear\"");
+            settings_.reject(
+                key, "found a value, but contact.law is \"hertz-mindlin\", expected it with \"linear\"");
     if (settings_.given("box"))
         for (int k = 0; k < 3; ++k)
             if (!(box_.upper[k] > box_.lower[k]))

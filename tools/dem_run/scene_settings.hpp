@@ -47,8 +47,8 @@ private:
     Box box_;
     std::optional<double> end_;
     contact::LinearLaw linear_;
-    std::string law_ = "hertz-mindlin", separation_ = "tension", damping_ = "paper", lever_arm_ = "contact-point",
-                precision_ = "double", kernel_ = "specialised";
+    std::string law_ = "hertz-mindlin", separation_ = "tension", damping_ = "paper",
+                lever_arm_ = "contact-point", precision_ = "double", kernel_ = "specialised";
     double sleep_tolerance_ = 0;
     std::vector<std::unique_ptr<MaterialText>> materials_;
     std::vector<std::unique_ptr<WallText>> walls_;

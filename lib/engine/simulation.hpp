@@ -124,8 +124,8 @@ public:
 private:
     /// Pairs whose forces are computed before the particles they complete are moved: 16 kB of forces.
     static constexpr std::size_t sweep_block = 256;
-    /// Blocks whose records are kept before their slots are used again: 512 kB.
-    static constexpr std::size_t ring_blocks = 32;
+    /// Blocks whose records are kept before their slots are used again: 320 kB.
+    static constexpr std::size_t ring_blocks = 20;
 
     void load(const Grains& grains);
     void make_constants();

@@ -86,8 +86,13 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
     const auto threads = static_cast<std::size_t>(team.size());
     found_.resize(threads);
     near_.resize(threads);
-    for (auto& found : found_)
+    for (auto& found : found_) { // about as many as the last time
+        const std::size_t expected = found.size() + found.size() / 20;
         found.clear();
+        if (found.capacity() > expected + expected / 10)
+            found = {};
+        found.reserve(expected);
+    }
     first_.assign(p.owned + 1, 0);
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
         auto& found = found_[static_cast<std::size_t>(thread)];

@@ -115,12 +115,6 @@ HWY_INLINE Quad signs_of_xyz() {
     alignas(32) static constexpr double signs[4] = {-0.0, -0.0, -0.0, 0.0};
     return load_quad(signs);
 }
-/// Flips the sign of w.
-HWY_INLINE Quad sign_of_w() {
-    alignas(32) static constexpr double signs[4] = {0.0, 0.0, 0.0, -0.0};
-    return load_quad(signs);
-}
-
 /// One component of `lanes` records each.
 struct Components {
     V x, y, z, w;

@@ -110,10 +110,88 @@ HWY_INLINE Quad with_w(const Quad& a, const Quad& b) {
 }
 #endif
 
+using R = hn::Rebind<float, D>; ///< as many floats as there are doubles in a vector
+using T = hn::Vec<R>;
+using U64 = hn::RebindToUnsigned<D>;
+using U32 = hn::Rebind<std::uint32_t, D>;
+
+// ---- Oct: a record of eight floats, in one or two registers.
+#if HWY_MAX_BYTES >= 32
+using O = hn::FixedTag<float, 8>;
+struct Oct {
+    hn::Vec<O> v;
+};
+HWY_INLINE Oct load_oct(const float* from) {
+    return {hn::Load(O{}, from)};
+}
+HWY_INLINE Oct oct(float s) {
+    return {hn::Set(O{}, s)};
+}
+HWY_INLINE Oct operator+(const Oct& a, const Oct& b) {
+    return {hn::Add(a.v, b.v)};
+}
+HWY_INLINE Oct operator*(const Oct& a, const Oct& b) {
+    return {hn::Mul(a.v, b.v)};
+}
+HWY_INLINE Oct operator^(const Oct& a, const Oct& b) {
+    return {hn::Xor(a.v, b.v)};
+}
+HWY_INLINE Oct max(const Oct& a, const Oct& b) {
+    return {hn::Max(a.v, b.v)};
+}
+/// Bits of `b` where `mask` has ones, else of `a`.
+HWY_INLINE Oct blend(const Oct& mask, const Oct& b, const Oct& a) {
+    return {hn::Or(hn::And(mask.v, b.v), hn::AndNot(mask.v, a.v))};
+}
+HWY_INLINE Quad as_quad(const Oct& a) {
+    return {hn::BitCast(Q{}, a.v)};
+}
+#else
+using O = hn::FixedTag<float, 4>;
+struct Oct {
+    hn::Vec<O> lo, hi;
+};
+HWY_INLINE Oct load_oct(const float* from) {
+    return {hn::Load(O{}, from), hn::Load(O{}, from + 4)};
+}
+HWY_INLINE Oct oct(float s) {
+    return {hn::Set(O{}, s), hn::Set(O{}, s)};
+}
+HWY_INLINE Oct operator+(const Oct& a, const Oct& b) {
+    return {hn::Add(a.lo, b.lo), hn::Add(a.hi, b.hi)};
+}
+HWY_INLINE Oct operator*(const Oct& a, const Oct& b) {
+    return {hn::Mul(a.lo, b.lo), hn::Mul(a.hi, b.hi)};
+}
+HWY_INLINE Oct operator^(const Oct& a, const Oct& b) {
+    return {hn::Xor(a.lo, b.lo), hn::Xor(a.hi, b.hi)};
+}
+HWY_INLINE Oct max(const Oct& a, const Oct& b) {
+    return {hn::Max(a.lo, b.lo), hn::Max(a.hi, b.hi)};
+}
+HWY_INLINE Oct blend(const Oct& mask, const Oct& b, const Oct& a) {
+    return {hn::Or(hn::And(mask.lo, b.lo), hn::AndNot(mask.lo, a.lo)),
+            hn::Or(hn::And(mask.hi, b.hi), hn::AndNot(mask.hi, a.hi))};
+}
+HWY_INLINE Quad as_quad(const Oct& a) {
+    return {hn::BitCast(H{}, a.lo), hn::BitCast(H{}, a.hi)};
+}
+#endif
+
 /// Flips the signs of x, y and z (xor).
 HWY_INLINE Quad signs_of_xyz() {
     alignas(32) static constexpr double signs[4] = {-0.0, -0.0, -0.0, 0.0};
     return load_quad(signs);
+}
+/// Flips the signs of the first three floats (xor).
+HWY_INLINE Oct signs_of_first_three() {
+    alignas(32) static constexpr float signs[8] = {-0.0f, -0.0f, -0.0f, 0, 0, 0, 0, 0};
+    return load_oct(signs);
+}
+/// Ones in the fourth float.
+HWY_INLINE Oct mask_of_fourth() {
+    alignas(32) static constexpr std::uint32_t fourth[8] = {0, 0, 0, ~0u, 0, 0, 0, 0};
+    return load_oct(reinterpret_cast<const float*>(fourth));
 }
 /// One component of `lanes` records each.
 struct Components {
@@ -142,6 +220,22 @@ HWY_INLINE Components components(const std::array<Quad, lanes>& r) {
 #endif
 }
 
+/// Eight components of `lanes` records of floats.
+struct Octets {
+    T a, b, c, d, e, f, g, h;
+};
+
+HWY_INLINE T even_floats(const V& v) {
+    return hn::BitCast(R{}, hn::TruncateTo(U32{}, hn::BitCast(U64{}, v)));
+}
+HWY_INLINE T odd_floats(const V& v) {
+    return hn::BitCast(R{}, hn::TruncateTo(U32{}, hn::ShiftRight<32>(hn::BitCast(U64{}, v))));
+}
+HWY_INLINE Octets octets(const std::array<Quad, lanes>& records) {
+    const Components c = components(records);
+    return {even_floats(c.x), odd_floats(c.x), even_floats(c.y), odd_floats(c.y),
+            even_floats(c.z), odd_floats(c.z), even_floats(c.w), odd_floats(c.w)};
+}
 #if HWY_MAX_BYTES >= 32
 /// Components back as records: entry k holds record k, and record k + 4 in its upper half where there is one.
 HWY_INLINE std::array<V, 4> records(const Components& c) {
@@ -207,6 +301,10 @@ template <class T>
 struct Three {
     T x, y, z;
 };
+HWY_INLINE Three<V> doubles(const T& x, const T& y, const T& z) {
+    const D d;
+    return {hn::PromoteTo(d, x), hn::PromoteTo(d, y), hn::PromoteTo(d, z)};
+}
 template <class T>
 HWY_INLINE Three<T> operator+(const Three<T>& a, const Three<T>& b) {
     return {hn::Add(a.x, b.x), hn::Add(a.y, b.y), hn::Add(a.z, b.z)};

@@ -91,11 +91,11 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowO
         const std::size_t row = row_of(number);
         if (Checked && work.hold[row])
             continue;
-        const Record& x = p.position[row];
-        const Record& v = p.velocity[row];
-        const Record& w = p.angular_velocity[row];
+        const Record& x = p.bodies[row].position;
+        const Record& v = p.bodies[row].velocity;
+        const Record& w = p.bodies[row].angular_velocity;
         const Quad old_v = load_quad(&v.x);
-        HalfKick& kick = p.half_kick[row];
+        HalfKick& kick = p.bodies[row].half_kick;
         Quad a = zero, alpha = zero;
         float damping_load = 0;
         if (work.given != nullptr) {
@@ -135,12 +135,12 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowO
             continue;
         }
         const Quad new_v = with_w(old_v + step * a, old_v);
-        store_quad(new_v, &p.velocity[row].x);
+        store_quad(new_v, &p.bodies[row].velocity.x);
         store_quad(half * a, &kick.vx);
         kick.damping_load = damping_load;
         if constexpr (Tangential) {
             const Quad old_w = load_quad(&w.x);
-            store_quad(with_w(old_w + step * alpha, old_w), &p.angular_velocity[row].x);
+            store_quad(with_w(old_w + step * alpha, old_w), &p.bodies[row].angular_velocity.x);
             store_quad(half * alpha * quad(x.w), &kick.sx);
         }
         if constexpr (sizeof(Number) == 4) {
@@ -150,7 +150,7 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowO
                 store_quad(with_w(load_quad(&w.x) * quad(x.w), quad(1 / x.w)), &motion.sx);
         }
         const Quad old_x = load_quad(&x.x);
-        store_quad(with_w(old_x + ((step * new_v + rounding) - rounding), old_x), &p.position[row].x);
+        store_quad(with_w(old_x + ((step * new_v + rounding) - rounding), old_x), &p.bodies[row].position.x);
     }
 }
 
@@ -167,9 +167,9 @@ void look_at_speeds(const AdvanceWork& work, std::size_t begin, std::size_t end,
         alignas(64) double share[lanes];
         for (std::size_t l = 0; l < lanes; ++l) { // beyond the end the last one again
             const std::size_t row = row_of(std::min(number + l, end - 1));
-            velocity[l] = load_quad(&p.velocity[row].x);
+            velocity[l] = load_quad(&p.bodies[row].velocity.x);
             if constexpr (Tangential)
-                spin[l] = load_quad(&p.angular_velocity[row].x);
+                spin[l] = load_quad(&p.bodies[row].angular_velocity.x);
             share[l] = work.share[row];
         }
         const Components v = components(velocity);

@@ -10,17 +10,18 @@
 namespace talus::engine {
 
 Vec3 Simulation::full_velocity(std::size_t row) const {
-    return particles_.velocity[row].vec() + 0.5 * time_step_.step * net_.acceleration[row];
+    return particles_.bodies[row].velocity.vec() + 0.5 * time_step_.step * net_.acceleration[row];
 }
 
 Vec3 Simulation::full_angular_velocity(std::size_t row) const {
-    return particles_.angular_velocity[row].vec() + 0.5 * time_step_.step * net_.angular_acceleration[row];
+    return particles_.bodies[row].angular_velocity.vec() +
+           0.5 * time_step_.step * net_.angular_acceleration[row];
 }
 
 Vec3 Simulation::unwrapped(std::size_t row) const {
     const Vec3 edge = images_.box().lengths();
     const auto& image = particles_.image[row];
-    Vec3 x = particles_.position[row].vec();
+    Vec3 x = particles_.bodies[row].position.vec();
     for (int k = 0; k < 3; ++k)
         if (image[static_cast<std::size_t>(k)] != 0)
             x[k] += image[static_cast<std::size_t>(k)] * edge[k];
@@ -34,9 +35,11 @@ void Simulation::add_viscous_power() {
     for (std::size_t row = 0; row < p.owned; ++row) {
         if (p.species[row] == Species::fixed)
             continue;
-        const Vec3 v = p.velocity[row].vec() + p.half_kick[row].velocity();
-        const Vec3 w = p.angular_velocity[row].vec() + p.half_kick[row].spin() / p.position[row].w;
-        power.add(viscous_damping_ * (p.velocity[row].w * norm2(v) + p.angular_velocity[row].w * norm2(w)));
+        const Vec3 v = p.bodies[row].velocity.vec() + p.bodies[row].half_kick.velocity();
+        const Vec3 w =
+            p.bodies[row].angular_velocity.vec() + p.bodies[row].half_kick.spin() / p.bodies[row].position.w;
+        power.add(viscous_damping_ *
+                  (p.bodies[row].velocity.w * norm2(v) + p.bodies[row].angular_velocity.w * norm2(w)));
     }
 }
 
@@ -91,17 +94,17 @@ Energies Simulation::energies() const {
     for (std::size_t row = 0; row < p.owned; ++row) {
         if (p.species[row] == Species::fixed)
             continue;
-        const double m = p.velocity[row].w;
+        const double m = p.bodies[row].velocity.w;
         kinetic.add(0.5 * m * norm2(full_velocity(row)));
         if (kernel_.traits.tangential)
-            kinetic.add(0.5 * p.angular_velocity[row].w * norm2(full_angular_velocity(row)));
+            kinetic.add(0.5 * p.bodies[row].angular_velocity.w * norm2(full_angular_velocity(row)));
         potential.add(-m * dot(scene_.gravity, unwrapped(row)));
     }
     for (std::size_t k = 0; k < list_.size(); ++k) {
         if (!(pairs_.state[k] & contact::contact_active))
             continue;
         const search::Candidate c = list_.candidates()[k];
-        const Record &xi = p.position[c.i], &xj = p.position[c.j];
+        const Record &xi = p.bodies[c.i].position, &xj = p.bodies[c.j].position;
         const double touch = xi.w + xj.w;
         const double overlap =
             touch - norm(xj.vec() - xi.vec()) - (pairs_.offset.empty() ? 0 : pairs_.offset[k]);
@@ -137,7 +140,7 @@ RestState Simulation::rest_state() const {
     for (std::size_t row = 0; row < p.owned; ++row) {
         if (p.species[row] == Species::fixed)
             continue;
-        net_force.add(p.velocity[row].w * norm(net_.acceleration[row]));
+        net_force.add(p.bodies[row].velocity.w * norm(net_.acceleration[row]));
         const double v2 = norm2(full_velocity(row));
         speed2.add(v2);
         rest.max_speed = std::max(rest.max_speed, v2);
@@ -188,7 +191,7 @@ std::size_t Simulation::release(bool whole_mass) {
         const bool first = p.release[p.owner(c.i)] != 0, second = p.release[p.owner(c.j)] != 0;
         if (!(pairs_.state[k] & contact::bond_intact) || !(first != second || (whole_mass && first)))
             continue;
-        const Record &xi = p.position[c.i], &xj = p.position[c.j];
+        const Record &xi = p.bodies[c.i].position, &xj = p.bodies[c.j].position;
         const double touch = xi.w + xj.w, radius = xi.w * xj.w / touch;
         const double overlap =
             touch - norm(xj.vec() - xi.vec()) - (pairs_.offset.empty() ? 0 : pairs_.offset[k]);
@@ -212,9 +215,8 @@ std::vector<BondBreak> Simulation::take_breaks() {
 std::size_t Simulation::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
     const ParticleColumns& p = particles_;
-    return bytes(p.position) + bytes(p.velocity) + bytes(p.angular_velocity) + bytes(p.half_kick) +
-           bytes(p.half_motion) + bytes(p.id) + bytes(p.material) + bytes(p.species) + bytes(p.release) +
-           bytes(p.image) + bytes(p.ghost_owner) + bytes(p.ghost_shift) + pairs_.memory() +
+    return bytes(p.bodies) + bytes(p.half_motion) + bytes(p.id) + bytes(p.material) + bytes(p.species) +
+           bytes(p.release) + bytes(p.image) + bytes(p.ghost_owner) + bytes(p.ghost_shift) + pairs_.memory() +
            bytes(listed_position_) + bytes(refreshed_) + list_.memory();
 }
 

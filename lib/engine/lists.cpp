@@ -38,10 +38,10 @@ void Simulation::set_shares() {
     share_.resize(p.owned);
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row)
-            share_[row] =
-                p.species[row] == Species::fixed
-                    ? 0.0f
-                    : static_cast<float>(std::min(most, close_skin_ + dt * norm(p.velocity[row].vec())));
+            share_[row] = p.species[row] == Species::fixed
+                              ? 0.0f
+                              : static_cast<float>(
+                                    std::min(most, close_skin_ + dt * norm(p.bodies[row].velocity.vec())));
     });
     used_ = 0;
 }
@@ -55,7 +55,7 @@ Simulation::Displacement Simulation::largest_displacement() {
         for (std::size_t row = begin; row < end; ++row) {
             if (particles_.species[row] == Species::fixed)
                 continue;
-            const Vec3 moved = particles_.position[row].vec() - listed_position_[row];
+            const Vec3 moved = particles_.bodies[row].position.vec() - listed_position_[row];
             const std::array<float, 3>& before = refreshed_[row];
             outer2 = std::max(outer2, norm2(moved));
             used2 = std::max(used2, norm2(moved - Vec3{before[0], before[1], before[2]}) /
@@ -165,7 +165,7 @@ void Simulation::rebuild(bool all_bonds) {
     listed_position_.resize(p.owned);
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row)
-            listed_position_[row] = p.position[row].vec();
+            listed_position_[row] = p.bodies[row].position.vec();
     });
     walls_.rebuild(p, skin_, order);
     displaced_ = wall_travel_ = 0;
@@ -258,7 +258,7 @@ void Simulation::take_close_list() {
     refreshed_.resize(particles_.owned);
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
-            const Vec3 moved = particles_.position[row].vec() - listed_position_[row];
+            const Vec3 moved = particles_.bodies[row].position.vec() - listed_position_[row];
             refreshed_[row] = {static_cast<float>(moved.x), static_cast<float>(moved.y),
                                static_cast<float>(moved.z)};
         }

@@ -14,90 +14,6 @@ HWY_BEFORE_NAMESPACE();
 namespace talus::engine {
 namespace HWY_NAMESPACE {
 
-using R = hn::Rebind<float, D>; ///< as many floats as there are doubles in a vector
-using T = hn::Vec<R>;
-using U64 = hn::RebindToUnsigned<D>;
-using U32 = hn::Rebind<std::uint32_t, D>;
-
-// ---- Oct: a record of eight floats, in one or two registers.
-#if HWY_MAX_BYTES >= 32
-using O = hn::FixedTag<float, 8>;
-struct Oct {
-    hn::Vec<O> v;
-};
-HWY_INLINE Oct load_oct(const float* from) {
-    return {hn::Load(O{}, from)};
-}
-HWY_INLINE Oct oct(float s) {
-    return {hn::Set(O{}, s)};
-}
-HWY_INLINE Oct operator+(const Oct& a, const Oct& b) {
-    return {hn::Add(a.v, b.v)};
-}
-HWY_INLINE Oct operator*(const Oct& a, const Oct& b) {
-    return {hn::Mul(a.v, b.v)};
-}
-HWY_INLINE Oct operator^(const Oct& a, const Oct& b) {
-    return {hn::Xor(a.v, b.v)};
-}
-HWY_INLINE Oct max(const Oct& a, const Oct& b) {
-    return {hn::Max(a.v, b.v)};
-}
-/// Bits of `b` where `mask` has ones, else of `a`.
-HWY_INLINE Oct blend(const Oct& mask, const Oct& b, const Oct& a) {
-    return {hn::Or(hn::And(mask.v, b.v), hn::AndNot(mask.v, a.v))};
-}
-HWY_INLINE Quad as_quad(const Oct& a) {
-    return {hn::BitCast(Q{}, a.v)};
-}
-#else
-using O = hn::FixedTag<float, 4>;
-struct Oct {
-    hn::Vec<O> lo, hi;
-};
-HWY_INLINE Oct load_oct(const float* from) {
-    return {hn::Load(O{}, from), hn::Load(O{}, from + 4)};
-}
-HWY_INLINE Oct oct(float s) {
-    return {hn::Set(O{}, s), hn::Set(O{}, s)};
-}
-HWY_INLINE Oct operator+(const Oct& a, const Oct& b) {
-    return {hn::Add(a.lo, b.lo), hn::Add(a.hi, b.hi)};
-}
-HWY_INLINE Oct operator*(const Oct& a, const Oct& b) {
-    return {hn::Mul(a.lo, b.lo), hn::Mul(a.hi, b.hi)};
-}
-HWY_INLINE Oct operator^(const Oct& a, const Oct& b) {
-    return {hn::Xor(a.lo, b.lo), hn::Xor(a.hi, b.hi)};
-}
-HWY_INLINE Oct max(const Oct& a, const Oct& b) {
-    return {hn::Max(a.lo, b.lo), hn::Max(a.hi, b.hi)};
-}
-HWY_INLINE Oct blend(const Oct& mask, const Oct& b, const Oct& a) {
-    return {hn::Or(hn::And(mask.lo, b.lo), hn::AndNot(mask.lo, a.lo)),
-            hn::Or(hn::And(mask.hi, b.hi), hn::AndNot(mask.hi, a.hi))};
-}
-HWY_INLINE Quad as_quad(const Oct& a) {
-    return {hn::BitCast(H{}, a.lo), hn::BitCast(H{}, a.hi)};
-}
-#endif
-
-/// Eight components of `lanes` records of floats.
-struct Octets {
-    T a, b, c, d, e, f, g, h;
-};
-
-HWY_INLINE T even_floats(const V& v) {
-    return hn::BitCast(R{}, hn::TruncateTo(U32{}, hn::BitCast(U64{}, v)));
-}
-HWY_INLINE T odd_floats(const V& v) {
-    return hn::BitCast(R{}, hn::TruncateTo(U32{}, hn::ShiftRight<32>(hn::BitCast(U64{}, v))));
-}
-HWY_INLINE Octets octets(const std::array<Quad, lanes>& records) {
-    const Components c = components(records);
-    return {even_floats(c.x), odd_floats(c.x), even_floats(c.y), odd_floats(c.y),
-            even_floats(c.z), odd_floats(c.z), even_floats(c.w), odd_floats(c.w)};
-}
 /// Two vectors of floats side by side, lane by lane.
 HWY_INLINE V side_by_side(const T& even, const T& odd) {
     const U64 u;
@@ -120,19 +36,15 @@ void mixed_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tally
     const R r;
     const ParticleColumns& p = work.particles;
     PairColumns& pairs = work.pairs;
-    const Record* const position = p.position.data();
+    const Body* const bodies = p.bodies.data();
     const HalfMotion* const half_motion = p.half_motion.data();
-    const HalfKick* const half_kick = p.half_kick.data();
     const contact::Constants& common = work.constants.pairs[0];
     const bool to_contact_point = common.lever_arm == contact::LeverArm::contact_point;
     const Quad minus_xyz = signs_of_xyz();
-    alignas(32) static constexpr float signs[8] = {-0.0f, -0.0f, -0.0f, 0, 0, 0, 0, 0};
-    alignas(32) static constexpr std::uint32_t fourth[8] = {0, 0, 0, ~0u, 0, 0, 0, 0};
-    const Oct minus_first = load_oct(signs);
-    const Oct is_fourth = load_oct(reinterpret_cast<const float*>(fourth));
+    const Oct minus_first = signs_of_first_three(), is_fourth = mask_of_fourth();
     const V one = hn::Set(d, 1), zero = hn::Zero(d);
     const T one_single = hn::Set(r, 1.0f), zero_single = hn::Zero(r);
-    const double r0 = position[0].w, m0 = p.velocity[0].w;
+    const double r0 = bodies[0].position.w, m0 = bodies[0].velocity.w;
     const V least = hn::Set(d, 1e-60);
     const T load_limit = hn::Set(r, static_cast<float>(contact::largest_damping_load<F>));
     LaneSum dissipation(tally.dissipation), intake(tally.intake);
@@ -146,10 +58,12 @@ void mixed_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tally
 
     for (std::size_t k = begin; k < end; k += lanes) {
         const search::Candidate* const c = work.candidates.data() + k;
-        prefetch_pairs(work, k, position, half_motion, half_kick);
+        prefetch_pairs(work, k, half_motion);
+        const PairBodies<Body> pair(bodies, c);
+        const PairBodies<HalfMotion> half(half_motion, c);
         std::array<Quad, lanes> quads, products;
         for (std::size_t l = 0; l < lanes; ++l) {
-            const Quad xi = load_quad(&position[c[l].i].x), xj = load_quad(&position[c[l].j].x);
+            const Quad xi = load_quad(&pair.i(l).position.x), xj = load_quad(&pair.j(l).position.x);
             quads[l] = xj + (xi ^ minus_xyz); // branch, ri + rj
             if constexpr (!OneSize)
                 products[l] = with_w(xi, xi * xj); // w: ri rj
@@ -202,7 +116,7 @@ void mixed_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tally
         m.normal = {single(normal.x), single(normal.y), single(normal.z)};
         std::array<Quad, lanes> twists;
         for (std::size_t l = 0; l < lanes; ++l) {
-            const HalfMotion &motion_i = half_motion[c[l].i], &motion_j = half_motion[c[l].j];
+            const HalfMotion &motion_i = half.i(l), &motion_j = half.j(l);
             const Oct mi = load_oct(&motion_i.vx), mj = load_oct(&motion_j.vx);
             quads[l] = as_quad(mi + (mj ^ minus_first)); // vi - vj, mi + mj, si + sj
             if constexpr (!OneSize) {                    // in the fourth: mi mj
@@ -213,7 +127,7 @@ void mixed_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tally
         const Octets motion = octets(quads);
         m.half_velocity = {motion.a, motion.b, motion.c};
         for (std::size_t l = 0; l < lanes; ++l) {
-            const Oct ki = load_oct(&half_kick[c[l].i].vx), kj = load_oct(&half_kick[c[l].j].vx);
+            const Oct ki = load_oct(&pair.i(l).half_kick.vx), kj = load_oct(&pair.j(l).half_kick.vx);
             quads[l] = as_quad(blend(is_fourth, max(ki, kj), ki + (kj ^ minus_first)));
         }
         const Octets kick = octets(quads);

@@ -124,8 +124,9 @@ constexpr double least_distance2 = 1e-60;
                                          const search::Candidate& c, Tally& tally) {
     if (f.broke != 0) [[unlikely]] {
         tally.fracture.add(f.fracture);
-        tally.breaks.push_back(
-            {p.id[c.i], p.id[c.j], 0.5 * (p.position[c.i].vec() + p.position[c.j].vec()), f.broke});
+        tally.breaks.push_back({p.id[c.i], p.id[c.j],
+                                0.5 * (p.bodies[c.i].position.vec() + p.bodies[c.j].position.vec()),
+                                f.broke});
     }
     if (!f.active)
         return;
@@ -139,10 +140,10 @@ template <class F>
 [[gnu::always_inline]] inline Motion motion_of(const Constants& constants, const ParticleColumns& p,
                                                const search::Candidate& c, const Vec3& branch,
                                                double distance, double touch) {
-    const double ri = p.position[c.i].w, rj = p.position[c.j].w;
-    const Record vi = p.velocity[c.i], vj = p.velocity[c.j];
-    const HalfKick& ki = p.half_kick[c.i];
-    const HalfKick& kj = p.half_kick[c.j];
+    const double ri = p.bodies[c.i].position.w, rj = p.bodies[c.j].position.w;
+    const Record vi = p.bodies[c.i].velocity, vj = p.bodies[c.j].velocity;
+    const HalfKick& ki = p.bodies[c.i].half_kick;
+    const HalfKick& kj = p.bodies[c.j].half_kick;
     Motion m;
     m.distance = distance;
     m.touch = touch;
@@ -151,16 +152,16 @@ template <class F>
     m.effective_radius = ri * rj / touch;
     m.effective_mass = vi.w * vj.w / (vi.w + vj.w);
     m.half_velocity = vi.vec() - vj.vec();
-    m.velocity = m.half_velocity + (ki.velocity() - kj.velocity());
+    m.velocity = m.half_velocity + velocity_difference(ki, kj);
     m.damping_scale = contact::damping_scale<F>(ki.damping_load, kj.damping_load);
     if constexpr (F::tangential) {
         const double stretch =
             constants.lever_arm == contact::LeverArm::contact_point ? distance / touch : 1.0;
         m.arm_i = ri * stretch;
         m.arm_j = rj * stretch;
-        const Vec3 wi = p.angular_velocity[c.i].vec(), wj = p.angular_velocity[c.j].vec();
+        const Vec3 wi = p.bodies[c.i].angular_velocity.vec(), wj = p.bodies[c.j].angular_velocity.vec();
         m.half_spin = m.arm_i * wi + m.arm_j * wj;
-        m.spin = m.half_spin + stretch * (ki.spin() + kj.spin());
+        m.spin = m.half_spin + stretch * spin_sum(ki, kj);
         m.half_twist = 0.5 * dot(wi + wj, m.normal);
     }
     return m;
@@ -173,7 +174,7 @@ void scalar(const PairWork& work, std::size_t begin, std::size_t end, Tally& tal
     PairColumns& pairs = work.pairs;
     for (std::size_t k = begin; k < end; ++k) {
         const search::Candidate c = work.candidates[k];
-        const Record xi = p.position[c.i], xj = p.position[c.j];
+        const Record xi = p.bodies[c.i].position, xj = p.bodies[c.j].position;
         const Vec3 branch{xj.x - xi.x, xj.y - xi.y, xj.z - xi.z};
         const double distance2 = norm2(branch);
         const double touch = xi.w + xj.w;
@@ -208,13 +209,19 @@ std::array<contact::ReferenceParticle, 2> reference_particles(const ParticleColu
     std::array<contact::ReferenceParticle, 2> both;
     for (const std::size_t k : {0u, 1u}) {
         const std::uint32_t row = k == 0 ? c.i : c.j;
-        const Vec3 v = p.velocity[row].vec(), w = p.angular_velocity[row].vec();
-        both[k] = {p.position[row].vec(),        v, w, v, w, p.position[row].w, p.velocity[row].w,
-                   p.half_kick[row].damping_load};
+        const Vec3 v = p.bodies[row].velocity.vec(), w = p.bodies[row].angular_velocity.vec();
+        both[k] = {p.bodies[row].position.vec(),
+                   v,
+                   w,
+                   v,
+                   w,
+                   p.bodies[row].position.w,
+                   p.bodies[row].velocity.w,
+                   p.bodies[row].half_kick.damping_load};
     }
-    const HalfKick &ki = p.half_kick[c.i], &kj = p.half_kick[c.j];
-    both[0].velocity += (ki.velocity() - kj.velocity());
-    both[0].angular_velocity += (ki.spin() + kj.spin()) / both[0].radius;
+    const HalfKick &ki = p.bodies[c.i].half_kick, &kj = p.bodies[c.j].half_kick;
+    both[0].velocity += velocity_difference(ki, kj);
+    both[0].angular_velocity += spin_sum(ki, kj) / both[0].radius;
     return both;
 }
 

@@ -96,7 +96,7 @@ struct ConstantsTable {
 struct PairWork {
     const ConstantsTable& constants;
     const ParticleColumns& particles;
-    std::span<const search::Candidate> candidates; ///< followed by PairColumns::padding valid ones
+    std::span<const search::Candidate> candidates; ///< followed by CandidateList::padding valid ones
     double step;                                   ///< s, by which to bring the history forward
     PairColumns& pairs;
     std::size_t first_slot; ///< of the record of pair `begin`; those of the others follow

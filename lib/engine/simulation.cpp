@@ -93,9 +93,9 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
         for (std::size_t row = begin; row < end; ++row) {
             const Vec3 &a = net_.acceleration[row], &alpha = net_.angular_acceleration[row];
             ParticleColumns& p = particles_;
-            p.velocity[row].set(p.velocity[row].vec() - half * a);
-            p.angular_velocity[row].set(p.angular_velocity[row].vec() - half * alpha);
-            p.half_kick[row] = HalfKick(half * a, (half * p.position[row].w) * alpha);
+            p.bodies[row].velocity.set(p.bodies[row].velocity.vec() - half * a);
+            p.bodies[row].angular_velocity.set(p.bodies[row].angular_velocity.vec() - half * alpha);
+            p.bodies[row].half_kick = HalfKick(half * a, (half * p.bodies[row].position.w) * alpha);
             if (kernel_.traits.mixed)
                 p.set_half_motion(row);
         }
@@ -115,10 +115,7 @@ void Simulation::load(const Grains& grains) {
     };
     ParticleColumns& p = particles_;
     p.owned = n;
-    p.position.resize(n);
-    p.velocity.resize(n);
-    p.angular_velocity.resize(n);
-    p.half_kick.resize(n);
+    p.bodies.resize(n);
     p.id.resize(n);
     if (constants_.count > 1)
         p.material.assign(n, 0);
@@ -156,10 +153,10 @@ void Simulation::load(const Grains& grains) {
         const Vec3 w = grains.angular_velocity.empty() || fixed ? Vec3{} : grains.angular_velocity[row];
         if (!is_finite(v) || !is_finite(w))
             bad(row, "its velocity is not a number; check what wrote the model");
-        p.position[row] = Record(images_.snap(grains.position[row]), r);
-        p.velocity[row] = Record(v, mass);
-        p.angular_velocity[row] = Record(w, 0.4 * mass * r * r);
-        p.half_kick[row] = {};
+        p.bodies[row].position = Record(images_.snap(grains.position[row]), r);
+        p.bodies[row].velocity = Record(v, mass);
+        p.bodies[row].angular_velocity = Record(w, 0.4 * mass * r * r);
+        p.bodies[row].half_kick = {};
         p.id[row] = row;
         largest_radius_ = std::max(largest_radius_, r);
         smallest_radius_ = std::min(smallest_radius_, r);
@@ -174,7 +171,8 @@ void Simulation::load(const Grains& grains) {
     if (n == 0)
         throw Error(ExitCode::input_invalid, "the model has no particles");
     time_step_ = choose_time_step(
-        scene_, quickest.value_or(quickness(scene_, scene_.material, smallest_radius_, p.velocity[0].w)),
+        scene_,
+        quickest.value_or(quickness(scene_, scene_.material, smallest_radius_, p.bodies[0].velocity.w)),
         kernel_.traits.tangential);
 }
 
@@ -207,7 +205,7 @@ void Simulation::set_initial_contacts() {
     const double chi = scene_.bond ? scene_.bond->bond_initiation_factor : 0;
     for (std::size_t k = 0; k < list_.size(); ++k) {
         const search::Candidate c = list_.candidates()[k];
-        const Record &xi = particles_.position[c.i], &xj = particles_.position[c.j];
+        const Record &xi = particles_.bodies[c.i].position, &xj = particles_.bodies[c.j].position;
         const double distance = norm(xj.vec() - xi.vec()), touch = xi.w + xj.w;
         if (distance < 1e-9 * touch)
             throw Error(
@@ -374,7 +372,7 @@ std::string Simulation::near_particles(std::size_t row) const {
 void Simulation::stop_at_bad_particle() const {
     const ParticleColumns& p = particles_;
     for (std::size_t row = 0; row < p.owned; ++row) {
-        const Vec3 v = p.velocity[row].vec(), w = p.angular_velocity[row].vec();
+        const Vec3 v = p.bodies[row].velocity.vec(), w = p.bodies[row].angular_velocity.vec();
         if (!(norm2(v) < 1e300) || !is_finite(w) || !(norm2(w) < 1e300))
             throw Error(
                 ExitCode::run_failed,
@@ -397,36 +395,37 @@ void Simulation::check_passing() const {
     const Vec3 edges = images_.box().lengths();
     std::vector<std::uint32_t> fast;
     for (std::uint32_t row = 0; row < p.owned; ++row)
-        if (dt * norm(p.velocity[row].vec()) > allowed)
+        if (dt * norm(p.bodies[row].velocity.vec()) > allowed)
             fast.push_back(row);
     const auto stop = [&](std::uint32_t i, const std::string& how) {
         throw Error(
             ExitCode::run_failed,
             fmt::format("particle {}: moves {:.3g} of the smallest radius in step {} (t = {:.6g} s, {:.4g} "
                         "m/s) {}: take a smaller time.step",
-                        p.id[i], dt * norm(p.velocity[i].vec()) / smallest_radius_, step_ + 1, time(),
-                        norm(p.velocity[i].vec()), how));
+                        p.id[i], dt * norm(p.bodies[i].velocity.vec()) / smallest_radius_, step_ + 1, time(),
+                        norm(p.bodies[i].velocity.vec()), how));
     };
     if (fast.size() > 200'000'000 / p.owned + 1)
         stop(fast.front(), fmt::format("as {} others do, and may pass particles unseen", fast.size() - 1));
     for (const std::uint32_t i : fast) {
-        const Vec3 x = p.position[i].vec(), move = dt * p.velocity[i].vec();
+        const Vec3 x = p.bodies[i].position.vec(), move = dt * p.bodies[i].velocity.vec();
         if (norm(move) > 1e6 * smallest_radius_)
             stop(i, "beyond all bounds");
-        if (walls_.reached(x, p.position[i].w, move, allowed))
+        if (walls_.reached(x, p.bodies[i].position.w, move, allowed))
             stop(i, "into a wall");
         for (std::uint32_t j = 0; j < p.owned; ++j) {
-            const Vec3 way = dt * (p.velocity[j].vec() - p.velocity[i].vec()); // of j seen from i
+            const Vec3 way =
+                dt * (p.bodies[j].velocity.vec() - p.bodies[i].velocity.vec()); // of j seen from i
             const double length2 = norm2(way);
             if (j == i || length2 <= allowed * allowed)
                 continue;
-            Vec3 end = p.position[j].vec() - p.position[i].vec();
+            Vec3 end = p.bodies[j].position.vec() - p.bodies[i].position.vec();
             for (int k = 0; k < 3; ++k)
                 if (images_.box().periodic[static_cast<std::size_t>(k)])
                     end[k] -= std::round(end[k] / edges[k]) * edges[k];
             const double back =
                 std::clamp(dot(end, way) / length2, 0.0, 1.0); // nearest this part of the step ago
-            if (norm(end - back * way) < p.position[i].w + p.position[j].w && back > 0)
+            if (norm(end - back * way) < p.bodies[i].position.w + p.bodies[j].position.w && back > 0)
                 stop(i, fmt::format("and meets particle {} on its way", p.id[j]));
         }
     }

@@ -25,7 +25,7 @@ Snapshot Simulation::snapshot() const {
         s.position[id] = unwrapped(row);
         s.velocity[id] = full_velocity(row);
         s.angular_velocity[id] = full_angular_velocity(row);
-        s.force[id] = particles_.velocity[row].w * net_.acceleration[row];
+        s.force[id] = particles_.bodies[row].velocity.w * net_.acceleration[row];
     }
     return s;
 }
@@ -48,7 +48,7 @@ SavedState Simulation::save() const {
     const Box& box = images_.box();
     for (std::size_t row = 0; row < n; ++row) {
         const std::uint64_t id = p.id[row];
-        Vec3 x = p.position[row].vec();
+        Vec3 x = p.bodies[row].position.vec();
         auto image = p.image[row];
         for (int k = 0; k < 3; ++k) {
             const auto d = static_cast<std::size_t>(k);
@@ -62,9 +62,9 @@ SavedState Simulation::save() const {
         }
         s.position[id] = x;
         s.image[id] = image;
-        s.half_kick[id] = p.half_kick[row];
-        s.half_velocity[id] = p.velocity[row].vec();
-        s.half_angular_velocity[id] = p.angular_velocity[row].vec();
+        s.half_kick[id] = p.bodies[row].half_kick;
+        s.half_velocity[id] = p.bodies[row].velocity.vec();
+        s.half_angular_velocity[id] = p.bodies[row].angular_velocity.vec();
         s.acceleration[id] = net_.acceleration[row];
         s.angular_acceleration[id] = net_.angular_acceleration[row];
         s.damping_load[id] = net_.damping_load[row];
@@ -144,11 +144,11 @@ void Simulation::restore(const SavedState& s) {
                             id));
     for (std::size_t row = 0; row < n; ++row) {
         const std::uint64_t id = p.id[row];
-        p.position[row].set(s.position[id]);
-        p.velocity[row].set(s.half_velocity[id]);
-        p.angular_velocity[row].set(s.half_angular_velocity[id]);
+        p.bodies[row].position.set(s.position[id]);
+        p.bodies[row].velocity.set(s.half_velocity[id]);
+        p.bodies[row].angular_velocity.set(s.half_angular_velocity[id]);
         p.image[row] = s.image[id];
-        p.half_kick[row] = s.half_kick[id];
+        p.bodies[row].half_kick = s.half_kick[id];
     }
     for (std::size_t w = 0; w < walls_.count(); ++w)
         walls_.set_point(w, {s.scalars[4 + 3 * w], s.scalars[5 + 3 * w], s.scalars[6 + 3 * w]});

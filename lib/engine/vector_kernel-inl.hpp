@@ -91,15 +91,36 @@ HWY_INLINE LaneConstants<V> gathered_constants(const PairWork& work, const searc
     return {hn::Load(d, a[0]), hn::Load(d, a[1]), hn::Load(d, a[2]), hn::Load(d, a[3]), hn::Load(d, a[4])};
 }
 
-/// Prefetches what the pairs some way ahead read of their particles.
-template <class... Columns>
-HWY_INLINE void prefetch_pairs(const PairWork& work, std::size_t k, const Columns*... columns) {
-    const std::size_t last = work.candidates.size() - 1;
-    for (std::size_t l = 0; l < lanes; ++l) {
-        const search::Candidate next = work.candidates.data()[std::min(k + prefetch_distance + l, last)];
-        for (const std::uint32_t row : {next.i, next.j})
-            (__builtin_prefetch(columns + row), ...);
+/// Where the two particles of each lane's pair stand in a column.
+template <class Row>
+class PairBodies {
+public:
+    HWY_INLINE PairBodies(const Row* column, const search::Candidate* c) {
+        static_assert(std::has_single_bit(sizeof(Row)) && sizeof(search::Candidate) == sizeof(std::uint64_t));
+        const U64 u;
+        const auto pair = hn::LoadU(u, reinterpret_cast<const std::uint64_t*>(c));
+        const auto base = hn::Set(u, reinterpret_cast<std::uintptr_t>(column));
+        constexpr int shift = std::countr_zero(sizeof(Row));
+        hn::Store(hn::Add(base, hn::ShiftLeft<shift>(hn::And(pair, hn::Set(u, 0xffffffff)))), u, i_);
+        hn::Store(hn::Add(base, hn::ShiftLeft<shift>(hn::ShiftRight<32>(pair))), u, j_);
     }
+    HWY_INLINE const Row& i(std::size_t lane) const { return *reinterpret_cast<const Row*>(i_[lane]); }
+    HWY_INLINE const Row& j(std::size_t lane) const { return *reinterpret_cast<const Row*>(j_[lane]); }
+
+private:
+    alignas(64) std::uint64_t i_[lanes], j_[lanes];
+};
+
+/// Prefetches what the pairs some way ahead read of their particles (with mixed precision `half_motion`
+/// instead of the second line).
+HWY_INLINE void prefetch_pairs(const PairWork& work, std::size_t k, const HalfMotion* half_motion = nullptr) {
+    const PairBodies<Body> next(work.particles.bodies.data(), work.candidates.data() + k + prefetch_distance);
+    for (std::size_t l = 0; l < lanes; ++l)
+        for (const Body* body : {&next.i(l), &next.j(l)}) {
+            __builtin_prefetch(&body->position);
+            __builtin_prefetch(half_motion == nullptr ? static_cast<const void*>(&body->velocity)
+                                                      : half_motion + (body - work.particles.bodies.data()));
+        }
 }
 
 /// Calls instantiate.template operator()<F, OneSize, Materials>() for these traits.
@@ -133,15 +154,13 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
     const D d;
     const ParticleColumns& p = work.particles;
     PairColumns& pairs = work.pairs;
-    const Record* const position = p.position.data();
-    const Record* const velocity = p.velocity.data();
-    const Record* const angular_velocity = p.angular_velocity.data();
-    const HalfKick* const half_kick = p.half_kick.data();
+    const Body* const bodies = p.bodies.data();
     const contact::Constants& common = work.constants.pairs[0];
     const bool to_contact_point = common.lever_arm == contact::LeverArm::contact_point;
     const Quad minus_xyz = signs_of_xyz();
+    const Oct minus_first = signs_of_first_three(), is_fourth = mask_of_fourth();
     const V one = hn::Set(d, 1), zero = hn::Zero(d);
-    const double r0 = position[0].w, m0 = velocity[0].w;
+    const double r0 = bodies[0].position.w, m0 = bodies[0].velocity.w;
     const V least = hn::Set(d, 1e-60);
     const V load_limit = hn::Set(d, contact::largest_damping_load<F>);
     LaneSum dissipation(tally.dissipation), intake(tally.intake);
@@ -151,13 +170,11 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
 
     for (std::size_t k = begin; k < end; k += lanes) {
         const search::Candidate* const c = work.candidates.data() + k;
-        if constexpr (F::tangential)
-            prefetch_pairs(work, k, position, velocity, half_kick, angular_velocity);
-        else
-            prefetch_pairs(work, k, position, velocity, half_kick);
+        prefetch_pairs(work, k);
+        const PairBodies<Body> pair(bodies, c);
         std::array<Quad, lanes> quads, products;
         for (std::size_t l = 0; l < lanes; ++l) {
-            const Quad xi = load_quad(&position[c[l].i].x), xj = load_quad(&position[c[l].j].x);
+            const Quad xi = load_quad(&pair.i(l).position.x), xj = load_quad(&pair.j(l).position.x);
             quads[l] = xj + (xi ^ minus_xyz); // branch, ri + rj
             if constexpr (!OneSize)
                 products[l] = xi * xj; // w: ri rj
@@ -211,7 +228,7 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
             m.normal = choose(coincident, Three<V>{zero, zero, one}, m.normal);
 
         for (std::size_t l = 0; l < lanes; ++l) {
-            const Quad vi = load_quad(&velocity[c[l].i].x), vj = load_quad(&velocity[c[l].j].x);
+            const Quad vi = load_quad(&pair.i(l).velocity.x), vj = load_quad(&pair.j(l).velocity.x);
             quads[l] = vi + (vj ^ minus_xyz); // vi - vj, mi + mj
             if constexpr (!OneSize) { // ri rj waits in w of `products`; mi mj takes w of the velocity's sum
                 const Quad product = vi * vj;
@@ -222,45 +239,42 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
         const Components vel = components(quads);
         m.half_velocity = {vel.x, vel.y, vel.z};
         for (std::size_t l = 0; l < lanes; ++l) {
-            const Quad ki = load_quad(&half_kick[c[l].i].vx), kj = load_quad(&half_kick[c[l].j].vx);
-            quads[l] = with_w(ki - kj, max(ki, kj));
+            const Oct ki = load_oct(&pair.i(l).half_kick.vx), kj = load_oct(&pair.j(l).half_kick.vx);
+            quads[l] = as_quad(blend(is_fourth, max(ki, kj), ki + (kj ^ minus_first)));
         }
-        const Components kick = components(quads);
-        m.velocity = m.half_velocity + Three<V>{kick.x, kick.y, kick.z};
+        const Octets kick = octets(quads);
+        m.velocity = m.half_velocity + doubles(kick.a, kick.b, kick.c);
         m.damping_scale = one;
-        if (!hn::AllTrue(d, hn::Le(kick.w, load_limit)))
-            m.damping_scale = hn::Div(load_limit, hn::Max(load_limit, kick.w));
+        const V load = hn::PromoteTo(d, kick.d);
+        if (!hn::AllTrue(d, hn::Le(load, load_limit)))
+            m.damping_scale = hn::Div(load_limit, hn::Max(load_limit, load));
 
         V stretch = one;
         if constexpr (F::tangential) {
             if (to_contact_point)
                 stretch = OneSize ? hn::Mul(distance, hn::Set(d, 1 / (r0 + r0))) : hn::Div(distance, touch);
-            Components spin, twist, spin_kick;
+            Components spin, twist;
             if constexpr (OneSize) {
                 for (std::size_t l = 0; l < lanes; ++l)
                     quads[l] =
-                        load_quad(&angular_velocity[c[l].i].x) + load_quad(&angular_velocity[c[l].j].x);
+                        load_quad(&pair.i(l).angular_velocity.x) + load_quad(&pair.j(l).angular_velocity.x);
                 twist = components(quads);
                 const V r = hn::Set(d, r0);
                 spin = {hn::Mul(r, twist.x), hn::Mul(r, twist.y), hn::Mul(r, twist.z), zero};
             } else {
                 std::array<Quad, lanes> sums;
                 for (std::size_t l = 0; l < lanes; ++l) {
-                    const Quad wi = load_quad(&angular_velocity[c[l].i].x),
-                               wj = load_quad(&angular_velocity[c[l].j].x);
-                    sums[l] = with_w(wi + wj, quad(velocity[c[l].i].w) + quad(velocity[c[l].j].w));
-                    quads[l] =
-                        with_w(quad(position[c[l].i].w) * wi + quad(position[c[l].j].w) * wj, products[l]);
+                    const Quad wi = load_quad(&pair.i(l).angular_velocity.x),
+                               wj = load_quad(&pair.j(l).angular_velocity.x);
+                    sums[l] = with_w(wi + wj, quad(pair.i(l).velocity.w) + quad(pair.j(l).velocity.w));
+                    quads[l] = with_w(quad(pair.i(l).position.w) * wi + quad(pair.j(l).position.w) * wj,
+                                      products[l]);
                 }
                 twist = components(sums);
                 spin = components(quads);
             }
-            for (std::size_t l = 0; l < lanes; ++l)
-                quads[l] = load_quad(&half_kick[c[l].i].sx) + load_quad(&half_kick[c[l].j].sx);
-            spin_kick = components(quads);
-            const Three<V> ends{spin.x, spin.y, spin.z}, kicks{spin_kick.x, spin_kick.y, spin_kick.z};
-            m.half_spin = stretch * ends;
-            m.spin = add_scaled(m.half_spin, stretch, kicks);
+            m.half_spin = stretch * Three<V>{spin.x, spin.y, spin.z};
+            m.spin = add_scaled(m.half_spin, stretch, doubles(kick.e, kick.f, kick.g));
             m.half_twist = hn::Mul(hn::Set(d, 0.5), dot(Three<V>{twist.x, twist.y, twist.z}, m.normal));
             if constexpr (!OneSize) {
                 m.effective_radius = hn::Div(spin.w, touch);
@@ -268,7 +282,7 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
             }
         } else if constexpr (!OneSize) {
             for (std::size_t l = 0; l < lanes; ++l)
-                quads[l] = with_w(quad(velocity[c[l].i].w) + quad(velocity[c[l].j].w), products[l]);
+                quads[l] = with_w(quad(pair.i(l).velocity.w) + quad(pair.j(l).velocity.w), products[l]);
             const Components sizes = components(quads);
             m.effective_radius = hn::Div(sizes.w, touch);
             m.effective_mass = hn::Div(vel.w, sizes.x);

@@ -56,7 +56,7 @@ void WallContacts::rebuild(const ParticleColumns& p, double margin,
     first_.assign(p.owned + 1, 0);
     for (std::uint32_t row = 0; row < p.owned; ++row) {
         for (std::uint32_t w = 0; w < walls_.size() && p.species[row] != Species::fixed; ++w) {
-            if (distance(w, p.position[row].vec()) >= p.position[row].w + margin)
+            if (distance(w, p.bodies[row].position.vec()) >= p.bodies[row].position.w + margin)
                 continue;
             Entry entry{row, w, {}, {}, {}, 0};
             if (!old_row.empty() && !old_first.empty())
@@ -71,7 +71,7 @@ void WallContacts::rebuild(const ParticleColumns& p, double margin,
 
 void WallContacts::set_stress_free(const ParticleColumns& p) {
     for (Entry& e : entries_) {
-        const double overlap = p.position[e.row].w - distance(e.wall, p.position[e.row].vec());
+        const double overlap = p.bodies[e.row].position.w - distance(e.wall, p.bodies[e.row].position.vec());
         if (overlap > 0) {
             e.history.offset = overlap;
             e.history.state = contact::contact_active;
@@ -87,8 +87,8 @@ void WallContacts::compute(const ParticleColumns& p, double step, ThreadTeam& te
             Entry& e = entries_[k];
             const PlaneWall& wall = walls_[e.wall];
             const contact::Constants& c = constants_of(p, e);
-            const Record& x = p.position[e.row];
-            const Record& v = p.velocity[e.row];
+            const Record& x = p.bodies[e.row].position;
+            const Record& v = p.bodies[e.row].velocity;
             contact::Motion m;
             m.normal = -wall.normal;
             m.distance = distance(e.wall, x.vec());
@@ -96,15 +96,15 @@ void WallContacts::compute(const ParticleColumns& p, double step, ThreadTeam& te
             m.effective_radius = x.w;
             m.effective_mass = v.w;
             m.half_velocity = v.vec() - wall.velocity;
-            m.velocity = m.half_velocity + p.half_kick[e.row].velocity();
+            m.velocity = m.half_velocity + p.bodies[e.row].half_kick.velocity();
             const double stretch =
                 c.lever_arm == contact::LeverArm::contact_point ? std::max(m.distance, 0.0) / m.touch : 1.0;
             m.arm_i = x.w * stretch;
-            const Vec3 w = p.angular_velocity[e.row].vec();
+            const Vec3 w = p.bodies[e.row].angular_velocity.vec();
             m.half_spin = m.arm_i * w;
-            m.spin = m.half_spin + stretch * p.half_kick[e.row].spin();
+            m.spin = m.half_spin + stretch * p.bodies[e.row].half_kick.spin();
             m.half_twist = 0.5 * dot(w, m.normal);
-            const double load = p.half_kick[e.row].damping_load;
+            const double load = p.bodies[e.row].half_kick.damping_load;
             const bool linear = c.law == contact::Law::linear;
             const contact::Force f = tangential_ ? (linear ? push<true, true>(c, m, load, step, e.history)
                                                            : push<true, false>(c, m, load, step, e.history))
@@ -121,7 +121,7 @@ void WallContacts::compute(const ParticleColumns& p, double step, ThreadTeam& te
 
 void WallContacts::add_elastic_energy(const ParticleColumns& p, ExactSum& sum) const {
     for (const Entry& e : entries_) {
-        const Record& x = p.position[e.row];
+        const Record& x = p.bodies[e.row].position;
         const double overlap = x.w - distance(e.wall, x.vec()) - e.history.offset;
         sum.add(contact::normal_energy(constants_of(p, e), x.w, overlap, false));
     }
@@ -142,7 +142,7 @@ std::vector<Vec3> WallContacts::totals(const ParticleColumns& p, bool torque) co
     std::vector<Vec3> total(walls_.size());
     for (const std::uint32_t k : order) {
         const Entry& e = entries_[k];
-        const Vec3 x = p.position[e.row].vec();
+        const Vec3 x = p.bodies[e.row].position.vec();
         const Vec3 foot = x - distance(e.wall, x) * walls_[e.wall].normal;
         total[e.wall] += torque ? cross(foot - walls_[e.wall].point, -e.force) : -e.force;
     }

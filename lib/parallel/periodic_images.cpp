@@ -28,7 +28,7 @@ void PeriodicImages::wrap(ParticleColumns& p, std::vector<std::array<std::int8_t
             continue;
         const double lower = box_.lower[k], edge = box_.upper[k] - lower;
         for (std::size_t row = 0; row < p.owned; ++row) {
-            Vec3 x = p.position[row].vec();
+            Vec3 x = p.bodies[row].position.vec();
             const double lengths = std::floor((x[k] - lower) / edge);
             if (lengths == 0)
                 continue;
@@ -37,7 +37,7 @@ void PeriodicImages::wrap(ParticleColumns& p, std::vector<std::array<std::int8_t
                     ExitCode::run_failed,
                     "a particle crossed the periodic box many times between two lists: the run is unstable");
             x[k] -= lengths * edge;
-            p.position[row].set(x);
+            p.bodies[row].position.set(x);
             wrapped[row][d] = static_cast<std::int8_t>(lengths);
             p.image[row][d] += static_cast<std::int32_t>(lengths);
         }
@@ -49,12 +49,9 @@ void PeriodicImages::copy_to_ghost(ParticleColumns& p, std::size_t ghost) const 
     const auto& shift = p.ghost_shift[ghost];
     const Vec3 edge = box_.lengths();
     const std::size_t row = p.owned + ghost;
-    const Record& x = p.position[owner];
-    p.position[row] =
-        Record({x.x + shift[0] * edge.x, x.y + shift[1] * edge.y, x.z + shift[2] * edge.z}, x.w);
-    p.velocity[row] = p.velocity[owner];
-    p.angular_velocity[row] = p.angular_velocity[owner];
-    p.half_kick[row] = p.half_kick[owner];
+    p.bodies[row] = p.bodies[owner];
+    Record& x = p.bodies[row].position;
+    x = Record({x.x + shift[0] * edge.x, x.y + shift[1] * edge.y, x.z + shift[2] * edge.z}, x.w);
     if (!p.half_motion.empty())
         p.half_motion[row] = p.half_motion[owner];
 }
@@ -64,7 +61,7 @@ void PeriodicImages::make_ghosts(ParticleColumns& p, double reach) const {
     p.ghost_shift.clear();
     if (any()) {
         for (std::size_t row = 0; row < p.owned; ++row) {
-            const Vec3 x = p.position[row].vec();
+            const Vec3 x = p.bodies[row].position.vec();
             std::array<std::array<bool, 3>, 3> near{}; // [direction][shift + 1]
             for (int k = 0; k < 3; ++k) {
                 const auto d = static_cast<std::size_t>(k);
@@ -92,10 +89,7 @@ void PeriodicImages::make_ghosts(ParticleColumns& p, double reach) const {
             column.reserve(rows + rows / 32);
         column.resize(rows);
     };
-    grow(p.position);
-    grow(p.velocity);
-    grow(p.angular_velocity);
-    grow(p.half_kick);
+    grow(p.bodies);
     grow(p.id);
     if (!p.half_motion.empty())
         grow(p.half_motion);

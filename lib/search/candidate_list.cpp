@@ -47,8 +47,8 @@ std::uint32_t CandidateList::holder(const ParticleColumns& p, std::uint32_t i, s
     if (const bool i_moves = moves(p, i); i_moves != moves(p, j))
         return i_moves ? i : j;
     if (points_.size() > 1) {
-        const std::size_t class_i = size_class(p.position[i].w, largest_radius_),
-                          class_j = size_class(p.position[j].w, largest_radius_);
+        const std::size_t class_i = size_class(p.bodies[i].position.w, largest_radius_),
+                          class_j = size_class(p.bodies[j].position.w, largest_radius_);
         if (class_i != class_j)
             return class_i > class_j ? i : j;
     }
@@ -60,17 +60,17 @@ std::uint32_t CandidateList::holder(const ParticleColumns& p, std::uint32_t i, s
 void CandidateList::find(const ParticleColumns& p, double factor, double margin, ThreadTeam& team) {
     largest_radius_ = 0;
     for (std::size_t row = 0; row < p.owned; ++row)
-        largest_radius_ = std::max(largest_radius_, p.position[row].w);
+        largest_radius_ = std::max(largest_radius_, p.bodies[row].position.w);
     double smallest_radius = largest_radius_;
     for (std::size_t row = 0; row < p.owned; ++row)
-        smallest_radius = std::min(smallest_radius, p.position[row].w);
+        smallest_radius = std::min(smallest_radius, p.bodies[row].position.w);
     const std::size_t classes = p.owned == 0 ? 0 : size_class(smallest_radius, largest_radius_) + 1;
     std::vector<bool> has_fixed(classes, false);
     class_rows_.resize(classes);
     for (auto& rows : class_rows_)
         rows.clear();
     for (std::uint32_t row = 0; classes > 1 && row < p.size(); ++row) {
-        const std::size_t c = size_class(p.position[row].w, largest_radius_);
+        const std::size_t c = size_class(p.bodies[row].position.w, largest_radius_);
         class_rows_[c].push_back(row);
         has_fixed[c] = has_fixed[c] || !moves(p, row);
     }
@@ -102,7 +102,7 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
             if (!moves(p, i))
                 continue;
             const std::size_t before = found.size();
-            const Record self = p.position[i];
+            const Record self = p.bodies[i].position;
             const std::size_t own = classes == 1 ? 0 : size_class(self.w, largest_radius_);
             for (std::size_t c = 0; c < points_.size(); ++c) {
                 if (points_[c].size() == 0 || (c > own && !has_fixed[c]))
@@ -220,7 +220,7 @@ void CandidateList::select(const ParticleColumns& p, double factor, std::span<co
     team.for_range(outer, [&](std::size_t begin, std::size_t end, int thread) {
         std::size_t count = 0;
         for (std::size_t o = begin; o < end; ++o) {
-            const Record a = p.position[holder_[o]], b = p.position[partner_[o]];
+            const Record a = p.bodies[holder_[o]].position, b = p.bodies[partner_[o]].position;
             const double dx = b.x - a.x, dy = b.y - a.y, dz = b.z - a.z;
             const double reach =
                 (a.w + b.w) * factor + (share[holder_[o]] + share[p.owner(partner_[o])]) * (1 + 1e-6);

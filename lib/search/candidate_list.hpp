@@ -43,7 +43,7 @@ constexpr std::uint32_t no_candidate = ~std::uint32_t{0};
 class CandidateList {
 public:
     /// Candidates that vector code may read beyond the last one (repetitions of it).
-    static constexpr std::size_t padding = 32;
+    static constexpr std::size_t padding = 64;
 
     /// Which pairs of the present close list carry history: those with state & mask, or with an offset (which
     /// may be empty: none has). Those with state & bound may not go beyond the outer list's reach; the others

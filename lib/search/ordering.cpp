@@ -36,13 +36,13 @@ std::vector<std::uint32_t> space_filling_order(const ParticleColumns& p, double 
     Vec3 lower{inf, inf, inf};
     for (std::size_t row = 0; row < p.owned; ++row)
         for (int k = 0; k < 3; ++k)
-            lower[k] = std::min(lower[k], p.position[row].vec()[k]);
+            lower[k] = std::min(lower[k], p.bodies[row].position.vec()[k]);
 
     std::vector<Key> keys(p.owned);
     const auto cut = [&](double f) { return static_cast<std::uint64_t>(std::min(f, 2097151.0)); };
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
-            const Vec3 f = (p.position[row].vec() - lower) / cell;
+            const Vec3 f = (p.bodies[row].position.vec() - lower) / cell;
             keys[row] = {morton_code(cut(f.x), cut(f.y), cut(f.z)), p.id[row],
                          static_cast<std::uint32_t>(row)};
         }
@@ -70,10 +70,7 @@ std::vector<std::uint32_t> space_filling_order(const ParticleColumns& p, double 
 }
 
 void reorder(ParticleColumns& p, const std::vector<std::uint32_t>& order, ThreadTeam& team) {
-    permute(p.position, order, team);
-    permute(p.velocity, order, team);
-    permute(p.angular_velocity, order, team);
-    permute(p.half_kick, order, team);
+    permute(p.bodies, order, team);
     permute(p.id, order, team);
     permute(p.material, order, team);
     permute(p.species, order, team);

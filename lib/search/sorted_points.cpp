@@ -57,7 +57,7 @@ void SortedPoints::build(const ParticleColumns& p, std::span<const std::uint32_t
     Vec3 lower{inf, inf, inf}, upper{-inf, -inf, -inf};
     largest_radius_ = 0;
     for (std::size_t k = 0; k < n; ++k) {
-        const Record& r = p.position[row_of(k)];
+        const Record& r = p.bodies[row_of(k)].position;
         lower = {std::min(lower.x, r.x), std::min(lower.y, r.y), std::min(lower.z, r.z)};
         upper = {std::max(upper.x, r.x), std::max(upper.y, r.y), std::max(upper.z, r.z)};
         largest_radius_ = std::max(largest_radius_, r.w);
@@ -82,7 +82,7 @@ void SortedPoints::build(const ParticleColumns& p, std::span<const std::uint32_t
     fit(place_, n);
     team.for_range(n, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k) {
-            const Record& r = p.position[row_of(k)];
+            const Record& r = p.bodies[row_of(k)].position;
             place_[k] =
                 static_cast<std::uint32_t>(index(cell_along(0, r.x), cell_along(1, r.y), cell_along(2, r.z)));
         }
@@ -103,7 +103,7 @@ void SortedPoints::build(const ParticleColumns& p, std::span<const std::uint32_t
     team.for_range(n, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k) {
             const std::uint32_t place = place_[k];
-            const Record& r = p.position[row_of(k)];
+            const Record& r = p.bodies[row_of(k)].position;
             x_[place] = static_cast<float>(r.x - lower_.x);
             y_[place] = static_cast<float>(r.y - lower_.y);
             z_[place] = static_cast<float>(r.z - lower_.z);

@@ -27,17 +27,15 @@ Pairs random_pairs(const KernelTraits& traits, std::size_t count, std::uint64_t 
     ParticleColumns& p = out.particles;
     ThreadTeam team(1);
     p.owned = 2 * count;
-    for (auto* column : {&p.position, &p.velocity, &p.angular_velocity})
-        column->resize(p.owned);
-    p.half_kick.resize(p.owned);
+    p.bodies.resize(p.owned);
     for (std::size_t k = 0; k < p.owned; ++k) {
         const double size = traits.one_size ? 1 : 1 + 0.5 * u();
         const double r = 0.01 * size, mass = traits.one_size ? 0.004 : 0.004 * (1 + 0.5 * u());
-        p.position[k] = Record({}, r);
-        p.velocity[k] = Record(vec(0.3), mass);
-        p.angular_velocity[k] = Record(vec(20), 0.4 * mass * r * r);
-        p.half_kick[k] = HalfKick(vec(0.01), vec(0.01));
-        p.half_kick[k].damping_load = static_cast<float>(random.uniform());
+        p.bodies[k].position = Record({}, r);
+        p.bodies[k].velocity = Record(vec(0.3), mass);
+        p.bodies[k].angular_velocity = Record(vec(20), 0.4 * mass * r * r);
+        p.bodies[k].half_kick = HalfKick(vec(0.01), vec(0.01));
+        p.bodies[k].half_kick.damping_load = static_cast<float>(random.uniform());
         p.id.push_back(k);
         if (traits.materials)
             p.material.push_back(random.uniform() < 0.5);
@@ -48,11 +46,11 @@ Pairs random_pairs(const KernelTraits& traits, std::size_t count, std::uint64_t 
         const auto i = static_cast<std::uint32_t>(2 * k), j = i + 1;
         Vec3 direction = vec(1);
         direction = direction / norm(direction);
-        const double touch = p.position[i].w + p.position[j].w;
-        p.position[i].set(vec(1));
-        p.position[j].set(p.position[i].vec() + (touch + 2e-4 * (u() - 0.3)) * direction);
+        const double touch = p.bodies[i].position.w + p.bodies[j].position.w;
+        p.bodies[i].position.set(vec(1));
+        p.bodies[j].position.set(p.bodies[i].position.vec() + (touch + 2e-4 * (u() - 0.3)) * direction);
         if (coincident && k == 7) // exactly on top of each other
-            p.position[j].set(p.position[i].vec());
+            p.bodies[j].position.set(p.bodies[i].position.vec());
         out.candidates.push_back({i, j});
         contact::History h;
         if (random.uniform() < 0.7) {
@@ -123,8 +121,8 @@ std::vector<KernelTraits> all_traits() {
 
 /// The overlap is a small difference of large numbers: what a rounding of the distance makes of it.
 double rounding_of_overlap(const Pairs& given, std::size_t k) {
-    const Record &i = given.particles.position[given.candidates[k].i],
-                 &j = given.particles.position[given.candidates[k].j];
+    const Record &i = given.particles.bodies[given.candidates[k].i].position,
+                 &j = given.particles.bodies[given.candidates[k].j].position;
     const double touch = i.w + j.w;
     const double overlap = touch - norm(j.vec() - i.vec()) - given.start.load(k).offset;
     return 4 * std::numeric_limits<double>::epsilon() * touch / std::abs(overlap);

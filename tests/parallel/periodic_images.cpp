@@ -11,12 +11,9 @@ ParticleColumns particles_at(const PeriodicImages& images, const std::vector<Vec
     ParticleColumns p;
     p.owned = positions.size();
     for (std::size_t k = 0; k < positions.size(); ++k) {
-        p.position.emplace_back(images.snap(positions[k]), 0.1);
+        p.bodies.push_back({Record(images.snap(positions[k]), 0.1), {}, {}, {}});
         p.id.push_back(k);
     }
-    p.velocity.resize(p.owned);
-    p.angular_velocity.resize(p.owned);
-    p.half_kick.resize(p.owned);
     p.image.resize(p.owned);
     return p;
 }
@@ -49,9 +46,9 @@ TEST(PeriodicImages, MakesEveryImageWithinReachOnce) {
     EXPECT_EQ(count, (std::array<int, 4>{1, 3, 0, 7})); // a face, an edge, the inside, a corner
     for (std::size_t g = 0; g < p.ghosts(); ++g)
         for (int k = 0; k < 3; ++k) {
-            const double x = p.position[p.owned + g].vec()[k];
-            EXPECT_EQ(x,
-                      p.position[p.ghost_owner[g]].vec()[k] + p.ghost_shift[g][static_cast<std::size_t>(k)]);
+            const double x = p.bodies[p.owned + g].position.vec()[k];
+            EXPECT_EQ(x, p.bodies[p.ghost_owner[g]].position.vec()[k] +
+                             p.ghost_shift[g][static_cast<std::size_t>(k)]);
             EXPECT_GE(x, -0.2);
             EXPECT_LE(x, 1.2);
         }
@@ -62,8 +59,8 @@ TEST(PeriodicImages, WrapCountsWhatItTakesOff) {
     ParticleColumns p = particles_at(images, {{1.25, 1.25, -0.5}, {0.5, -3, 2.5}});
     std::vector<std::array<std::int8_t, 3>> wrapped;
     images.wrap(p, wrapped);
-    EXPECT_EQ(p.position[0].vec(), (Vec3{0.25, 1.25, 0.5}));
-    EXPECT_EQ(p.position[1].vec(), (Vec3{0.5, -3, 0.5}));
+    EXPECT_EQ(p.bodies[0].position.vec(), (Vec3{0.25, 1.25, 0.5}));
+    EXPECT_EQ(p.bodies[1].position.vec(), (Vec3{0.5, -3, 0.5}));
     EXPECT_EQ(wrapped[0], (std::array<std::int8_t, 3>{1, 0, -1}));
     EXPECT_EQ(p.image[1], (std::array<std::int32_t, 3>{0, 0, 2}));
 }

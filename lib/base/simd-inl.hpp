@@ -62,6 +62,9 @@ HWY_INLINE Quad operator^(const Quad& a, const Quad& b) {
 HWY_INLINE Quad max(const Quad& a, const Quad& b) {
     return {hn::Max(a.v, b.v)};
 }
+HWY_INLINE Quad abs(const Quad& a) {
+    return {hn::Abs(a.v)};
+}
 /// x, y, z of `a` with w of `b`.
 HWY_INLINE Quad with_w(const Quad& a, const Quad& b) {
     return {hn::IfThenElse(hn::FirstN(Q{}, 3), a.v, b.v)};
@@ -104,6 +107,9 @@ HWY_INLINE Quad operator^(const Quad& a, const Quad& b) {
 }
 HWY_INLINE Quad max(const Quad& a, const Quad& b) {
     return {hn::Max(a.lo, b.lo), hn::Max(a.hi, b.hi)};
+}
+HWY_INLINE Quad abs(const Quad& a) {
+    return {hn::Abs(a.lo), hn::Abs(a.hi)};
 }
 HWY_INLINE Quad with_w(const Quad& a, const Quad& b) {
     return {a.lo, hn::ConcatUpperLower(H{}, b.hi, a.hi)};

@@ -160,34 +160,43 @@ void look_at_speeds(const AdvanceWork& work, std::size_t begin, std::size_t end,
                     Advanced& out) {
     const D d;
     const ParticleColumns& p = work.particles;
-    V largest_speed2 = hn::Set(d, out.largest_speed2), largest_use2 = hn::Set(d, out.largest_use2);
-    M finite = hn::Eq(hn::Zero(d), hn::Zero(d));
+    const search::LocalMotion::Cell* const motion = work.motion.cells();
+    const std::uint32_t* const cell_of = work.motion.cell_of();
+    const bool still = work.motion.still();
+    V largest_use2 = hn::Set(d, out.largest_use2);
+    const Quad zero = quad(0);
+    Quad fastest = zero, quickest = zero, nothing = zero; // the last stays so while all are numbers
     for (std::size_t number = begin; number < end; number += lanes) {
-        std::array<Quad, lanes> velocity, spin;
+        std::array<Quad, lanes> against;
         alignas(64) double share[lanes];
         for (std::size_t l = 0; l < lanes; ++l) { // beyond the end the last one again
             const std::size_t row = row_of(std::min(number + l, end - 1));
-            velocity[l] = load_quad(&p.bodies[row].velocity.x);
-            if constexpr (Tangential)
-                spin[l] = load_quad(&p.bodies[row].angular_velocity.x);
+            const Quad v = load_quad(&p.bodies[row].velocity.x);
+            against[l] = still ? v : v - load_quad(&motion[cell_of[row]].vx);
+            fastest = max(fastest, abs(v));
+            nothing = nothing + zero * v;
+            if constexpr (Tangential) {
+                const Quad w = load_quad(&p.bodies[row].angular_velocity.x);
+                quickest = max(quickest, abs(w));
+                nothing = nothing + zero * w;
+            }
             share[l] = work.share[row];
         }
-        const Components v = components(velocity);
-        const V speed2 = dot(Three<V>{v.x, v.y, v.z}, Three<V>{v.x, v.y, v.z});
+        const Components u = components(against);
+        const V against2 = dot(Three<V>{u.x, u.y, u.z}, Three<V>{u.x, u.y, u.z});
         // Fixed particles have neither speed nor share.
         const V room = hn::Max(hn::Load(d, share), hn::Set(d, 1e-100));
-        largest_speed2 = hn::Max(largest_speed2, speed2);
-        largest_use2 = hn::Max(largest_use2, hn::Div(speed2, hn::Mul(room, room)));
-        V checked = speed2;
-        if constexpr (Tangential) {
-            const Components w = components(spin);
-            checked = hn::Add(checked, hn::Add(hn::Add(hn::Abs(w.x), hn::Abs(w.y)), hn::Abs(w.z)));
-        }
-        finite = hn::And(finite, hn::Lt(checked, hn::Set(d, 1e300)));
+        largest_use2 = hn::Max(largest_use2, hn::Div(against2, hn::Mul(room, room)));
     }
-    out.largest_speed2 = hn::GetLane(hn::MaxOfLanes(d, largest_speed2));
     out.largest_use2 = hn::GetLane(hn::MaxOfLanes(d, largest_use2));
-    out.finite = out.finite && hn::AllTrue(d, finite);
+    alignas(32) double fast[4], quick[4], none[4];
+    store_quad(fastest, fast);
+    store_quad(quickest, quick);
+    store_quad(nothing, none);
+    for (int k = 0; k < 3; ++k)
+        out.finite = out.finite && fast[k] < 1e150 && quick[k] < 1e150 && none[k] == 0;
+    out.largest_speed2 =
+        std::max(out.largest_speed2, fast[0] * fast[0] + fast[1] * fast[1] + fast[2] * fast[2]);
 }
 
 template <bool Checked, class RowOf>

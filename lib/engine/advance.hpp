@@ -2,6 +2,7 @@
 #pragma once
 #include "engine/pair_kernel.hpp"
 #include "engine/wall_contacts.hpp"
+#include "search/local_motion.hpp"
 
 #include <cstdint>
 #include <span>
@@ -37,12 +38,13 @@ struct AdvanceWork {
     bool tangential;
     const std::uint8_t* hold; ///< [owned] rows that do not move with the others: fixed ones and late ones
     const float* share;       ///< [owned] m, each particle's share of the close list's skin
+    const search::LocalMotion& motion;
 };
 
 /// What came of it, over the rows one thread moved.
 struct Advanced {
-    double largest_speed2 = 0; ///< m2 s-2
-    double largest_use2 = 0;   ///< (speed / share)^2, s-2
+    double largest_speed2 = 0; ///< m2 s-2, not below that of any: made of the largest components
+    double largest_use2 = 0;   ///< (speed against the local motion / share)^2, s-2
     bool finite = true;        ///< all velocities are numbers
 };
 

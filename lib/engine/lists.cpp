@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <fmt/format.h>
+#include <limits>
 #include <numeric>
 
 namespace talus::engine {
@@ -24,50 +25,82 @@ constexpr double widest = 7;
 /// Steps that a particle's share of the close skin lasts at its present speed.
 constexpr double share_steps = 50;
 
+/// The local motion counts where it takes more than this part of the close skin meanwhile.
+constexpr double slow = 0.2;
+
 /// The largest share is at most this part of the outer skin: some lists of close pairs are made of one outer
 /// one.
 constexpr double largest_share = 0.2;
 
 } // namespace
 
-/// Each particle has its share of the close list's skin: what it may move until the list is made anew, more
-/// where it is fast. So a few fast particles do not make the list of all the others long or short-lived.
+Vec3 Simulation::moved_since_listed(std::size_t row) const {
+    const std::array<float, 3>& from = listed_[row];
+    return particles_.bodies[row].position.vec() - listed_origin_ - Vec3{from[0], from[1], from[2]};
+}
+
+/// Displacement since the outer list was made, less what the local motion would have made of it.
+Vec3 Simulation::moved_against_others(std::size_t row) const {
+    const double since = static_cast<double>(step_ - last_rebuild_) * time_step_.step;
+    return moved_since_listed(row) - since * motion_.of(row).velocity();
+}
+
+/// Each particle has its share of the close list's skin: what it may move against the local motion until the
+/// list is made anew, more where it is fast. So a few fast particles do not make the list of all the others
+/// long or short-lived.
 void Simulation::set_shares() {
     const ParticleColumns& p = particles_;
     const double most = largest_share * skin_, dt = share_steps * time_step_.step;
     share_.resize(p.owned);
-    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t row = begin; row < end; ++row)
-            share_[row] = p.species[row] == Species::fixed
-                              ? 0.0f
-                              : static_cast<float>(
-                                    std::min(most, close_skin_ + dt * norm(p.bodies[row].velocity.vec())));
+    std::vector<double> use(static_cast<std::size_t>(team_.size()));
+    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
+        double largest = 0;
+        for (std::size_t row = begin; row < end; ++row) {
+            const search::LocalMotion::Cell& cell = motion_.of(row);
+            const bool fixed = p.species[row] == Species::fixed;
+            const Vec3 velocity = fixed ? Vec3{} : p.bodies[row].velocity.vec();
+            const double against = norm(velocity - cell.velocity()), speed = against + cell.shear;
+            share_[row] =
+                fixed && speed == 0 ? 0.0f : static_cast<float>(std::min(most, close_skin_ + dt * speed));
+            if (share_[row] > 0) // fixed ones are not looked at in every step
+                largest = std::max(largest, (fixed ? speed : double{cell.shear}) / share_[row]);
+        }
+        use[static_cast<std::size_t>(thread)] = largest;
     });
+    shear_use_ = *std::max_element(use.begin(), use.end());
     used_ = 0;
 }
 
-/// Largest displacement since the outer list was made, and the largest part of a share used up.
+/// The most that has been used up of the lists' skins, by how far particles really went.
 Simulation::Displacement Simulation::largest_displacement() {
     const auto threads = static_cast<std::size_t>(team_.size());
     std::vector<Displacement> parts(threads);
+    const double since = static_cast<double>(step_ - last_rebuild_) * time_step_.step,
+                 since_refresh = static_cast<double>(step_ - last_refresh_) * time_step_.step;
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int thread) {
-        double outer2 = 0, used2 = 0;
+        Displacement& largest = parts[static_cast<std::size_t>(thread)];
         for (std::size_t row = begin; row < end; ++row) {
-            if (particles_.species[row] == Species::fixed)
+            if (share_[row] == 0) // nothing moves there
                 continue;
-            const Vec3 moved = particles_.bodies[row].position.vec() - listed_position_[row];
+            const Vec3 moved = moved_since_listed(row);
+            const search::LocalMotion::Cell& cell = motion_.of(row);
+            const Vec3 against = moved - since * cell.velocity();
             const std::array<float, 3>& before = refreshed_[row];
-            outer2 = std::max(outer2, norm2(moved));
-            used2 = std::max(used2, norm2(moved - Vec3{before[0], before[1], before[2]}) /
-                                        (static_cast<double>(share_[row]) * share_[row]));
+            largest.outer = std::max(largest.outer, norm(against) + since * cell.shear);
+            largest.used = std::max(largest.used, (norm(against - Vec3{before[0], before[1], before[2]}) +
+                                                   since_refresh * cell.shear) /
+                                                      share_[row]);
+            largest.walls = std::max(largest.walls, walls_.approach(moved));
         }
-        parts[static_cast<std::size_t>(thread)] = {std::sqrt(outer2), std::sqrt(used2)};
     });
     Displacement largest;
     for (const Displacement& part : parts) {
         largest.outer = std::max(largest.outer, part.outer);
         largest.used = std::max(largest.used, part.used);
+        largest.walls = std::max(largest.walls, part.walls);
     }
+    largest.outer += listed_rounding_;
+    largest.walls += listed_rounding_;
     return largest;
 }
 
@@ -75,13 +108,14 @@ Simulation::Displacement Simulation::largest_displacement() {
 /// close list is made the next time. Whether they can have is first judged by the sum of the largest speeds,
 /// which costs nothing; where that runs out, by how far they really went.
 void Simulation::keep_lists_valid() {
-    const double share = largest_share * skin_;
-    if (used_ <= 1 && displaced_ + share + wall_travel_ <= skin_) {
+    if (used_ <= 1 && wall_used_ <= skin_) {
         images_.update_ghosts(particles_, team_);
         return;
     }
+    const double share = largest_share * skin_;
     const Displacement moved = largest_displacement();
-    if (2 * (moved.outer + share) > skin_ || moved.outer + share + wall_travel_ > worn_out * skin_) {
+    wall_used_ = moved.walls + wall_travel_;
+    if (2 * (moved.outer + share) > skin_ || (walls_.any() && wall_used_ > worn_out * skin_)) {
         rebuild(false);
         return;
     }
@@ -89,7 +123,7 @@ void Simulation::keep_lists_valid() {
     if (moved.used <= worn_out)
         used_ = moved.used;
     else
-        refresh(moved.outer);
+        refresh();
 }
 
 /// Takes wider skins where lists last a few steps only (flow) and narrower ones where they last long (rest).
@@ -146,7 +180,9 @@ void Simulation::rebuild(bool all_bonds) {
             p.set_half_motion(row);
     }
     const double margin = skin_ + bond_reach_;
-    images_.make_ghosts(p, 2 * largest_radius_ * reach_factor_ + margin);
+    const double reach = 2 * largest_radius_ * reach_factor_ + margin;
+    images_.make_ghosts(p, reach);
+    motion_.build(p, images_.box(), reach, slow * close_skin_ / (share_steps * time_step_.step), team_);
     if (first)
         order.clear();
     set_shares();
@@ -162,22 +198,32 @@ void Simulation::rebuild(bool all_bonds) {
                     fmt::format("{} bonds were stretched beyond the candidate list at step {}: take "
                                 "a smaller time.step",
                                 lost, step_));
-    listed_position_.resize(p.owned);
+    listed_.resize(p.owned);
+    constexpr double inf = std::numeric_limits<double>::infinity();
+    Vec3 lower{inf, inf, inf}, upper{-inf, -inf, -inf};
+    for (std::size_t row = 0; row < p.owned; ++row)
+        for (int k = 0; k < 3; ++k) {
+            lower[k] = std::min(lower[k], p.bodies[row].position.vec()[k]);
+            upper[k] = std::max(upper[k], p.bodies[row].position.vec()[k]);
+        }
+    listed_origin_ = 0.5 * (lower + upper);
+    listed_rounding_ = 0x1p-24 * norm(upper - lower);
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t row = begin; row < end; ++row)
-            listed_position_[row] = p.bodies[row].position.vec();
+        for (std::size_t row = begin; row < end; ++row) {
+            const Vec3 x = p.bodies[row].position.vec() - listed_origin_;
+            listed_[row] = {static_cast<float>(x.x), static_cast<float>(x.y), static_cast<float>(x.z)};
+        }
     });
     walls_.rebuild(p, skin_, order);
-    displaced_ = wall_travel_ = 0;
+    wall_travel_ = wall_used_ = 0;
     ++rebuilds_;
     take_close_list();
 }
 
-void Simulation::refresh(double displaced) {
+void Simulation::refresh() {
     adapt_skins(false);
     set_shares();
     list_.refresh(particles_, share_, live(), team_);
-    displaced_ = displaced;
     take_close_list();
 }
 
@@ -258,7 +304,7 @@ void Simulation::take_close_list() {
     refreshed_.resize(particles_.owned);
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
-            const Vec3 moved = particles_.bodies[row].position.vec() - listed_position_[row];
+            const Vec3 moved = moved_against_others(row);
             refreshed_[row] = {static_cast<float>(moved.x), static_cast<float>(moved.y),
                                static_cast<float>(moved.z)};
         }

@@ -256,7 +256,8 @@ AdvanceWork Simulation::advance_work(const NetColumns* given, NetColumns* into) 
             .rounding = images_.rounding(),
             .tangential = kernel_.traits.tangential,
             .hold = hold_.data(),
-            .share = share_.data()};
+            .share = share_.data(),
+            .motion = motion_};
 }
 
 /// Takes each particle from t to t + dt, where what acts on it is known.
@@ -354,8 +355,10 @@ void Simulation::finish_move() {
         stop_at_bad_particle();
     if (dt * std::sqrt(speed2) > longest_move * smallest_radius_)
         check_passing();
-    used_ += dt * std::sqrt(use2);
+    used_ += dt * (std::sqrt(use2) + shear_use_);
     wall_travel_ += dt * walls_.fastest();
+    if (walls_.any())
+        wall_used_ += dt * (std::sqrt(speed2) + walls_.fastest());
 }
 
 std::string Simulation::near_particles(std::size_t row) const {

@@ -9,6 +9,7 @@
 #include "parallel/periodic_images.hpp"
 #include "particles/grains.hpp"
 #include "search/candidate_list.hpp"
+#include "search/local_motion.hpp"
 
 #include <string>
 #include <vector>
@@ -156,15 +157,18 @@ private:
     std::size_t count_bonds() const;
     void keep_lists_valid();
     struct Displacement {
-        double outer = 0; ///< m, since the outer list was made
+        double outer = 0; ///< m, against the local motion since the outer list was made
         double used = 0;  ///< of a particle's share of the close skin
+        double walls = 0; ///< m, towards a wall since the outer list was made
     };
     Displacement largest_displacement();
     void set_shares();
+    Vec3 moved_since_listed(std::size_t row) const;
+    Vec3 moved_against_others(std::size_t row) const;
     void take_close_list();
     void adapt_skins(bool outer);
     void rebuild(bool all_bonds);
-    void refresh(double displaced);
+    void refresh();
     search::CandidateList::Live live() const;
     void compute_forces(double history_step);
     void for_blocks(double history_step, const AdvanceWork& work, bool add_forces);
@@ -197,14 +201,18 @@ private:
     double reach_factor_ = 1, bond_reach_ = 0, largest_radius_ = 0, smallest_radius_ = 0, mean_radius_ = 0;
     double skin_ = 0, close_skin_ = 0; ///< m; of the close one the least share of a particle
     double used_ = 0;                  ///< the largest part of his share that anybody can have used up
-    double displaced_ =
-        0; ///< m, the furthest anybody had moved since the outer list when the close one was made
-    double wall_travel_ = 0; ///< m, the same of walls
+    double shear_use_ = 0;             ///< 1/s, the largest part of a share that the local motion uses up
+    double wall_travel_ = 0;           ///< m, of the walls since the outer list was made
+    double wall_used_ = 0;             ///< m, by which anybody can have come nearer to a wall since then
     double viscous_damping_ = 0;
     bool current_ = false; ///< the forces are those at the present time
     std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, refreshes_ = 0, intact_bonds_ = 0;
-    std::vector<Vec3> listed_position_;           ///< positions when the outer list was made
-    std::vector<std::array<float, 3>> refreshed_; ///< displacements since then when the close list was made
+    search::LocalMotion motion_; ///< when the outer list was made
+    Vec3 listed_origin_;
+    double listed_rounding_ = 0; ///< m, of listed_
+    std::vector<std::array<float, 3>>
+        listed_; ///< m, positions against the origin when the outer list was made
+    std::vector<std::array<float, 3>> refreshed_; ///< m, moved_against_others() when the close list was made
     std::vector<float> share_; ///< m, by which a particle may move before the close list is made anew
     std::vector<std::size_t> complete_rows_; ///< rows whose pairs all stand before the k-th block of pairs
     std::vector<std::uint8_t> hold_;         ///< [owned] rows that do not move with the sweep

@@ -46,6 +46,13 @@ public:
                 return true;
         return false;
     }
+    /// How much nearer to any wall a displacement brings, m; walls at rest.
+    double approach(const Vec3& moved) const {
+        double most = 0;
+        for (const PlaneWall& wall : walls_)
+            most = std::max(most, -dot(moved, wall.normal));
+        return most;
+    }
     std::span<const Entry> of_row(std::size_t row) const {
         return {entries_.data() + first_[row], first_[row + 1] - first_[row]};
     }

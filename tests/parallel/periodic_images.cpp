@@ -10,8 +10,9 @@ namespace {
 ParticleColumns particles_at(const PeriodicImages& images, const std::vector<Vec3>& positions) {
     ParticleColumns p;
     p.owned = positions.size();
+    p.bodies.resize(p.owned);
     for (std::size_t k = 0; k < positions.size(); ++k) {
-        p.bodies.push_back({Record(images.snap(positions[k]), 0.1), {}, {}, {}});
+        p.bodies[k].position = Record(images.snap(positions[k]), 0.1);
         p.id.push_back(k);
     }
     p.image.resize(p.owned);

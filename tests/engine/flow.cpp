@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+/// Lists of near pairs while everything moves fast: no contact may be missed, and a common motion costs
+/// nothing.
+#include "scenes.hpp"
+
+#include <gtest/gtest.h>
+
+namespace talus::engine {
+namespace {
+
+/// A dense layer between a fixed base and nothing, periodic, sheared so fast that grains change their
+/// neighbours.
+Grains sheared_layer(std::uint64_t seed, const Vec3& common) {
+    Grains g;
+    Philox random(seed);
+    for (int k = 0; k < 600; ++k) {
+        const double z = (k / 100 + 0.5) * 0.0205;
+        g.position.push_back({(k % 10 + 0.5) * 0.0205, (k / 10 % 10 + 0.5) * 0.0205, z});
+        g.radius.push_back(0.009 + 0.001 * random.uniform());
+        const bool base = k < 100;
+        g.species.push_back(base ? Species::fixed : Species::grain);
+        const auto noise = [&] { return 0.4 * (random.uniform() - 0.5); };
+        g.velocity.push_back(common + (base ? Vec3{} : Vec3{40 * z + noise(), noise(), noise()}));
+    }
+    g.box = Box{{0, 0, -0.1}, {0.205, 0.205, 0.4}, {true, true, false}};
+    return g;
+}
+
+/// Pairs that touch, fixed ones against each other left out, by looking at all.
+std::size_t touching(const Snapshot& s, const Grains& g) {
+    std::size_t count = 0;
+    const Vec3 edge = g.box->lengths();
+    for (std::size_t i = 0; i < g.size(); ++i)
+        for (std::size_t j = 0; j < i; ++j) {
+            if (g.species[i] == Species::fixed && g.species[j] == Species::fixed)
+                continue;
+            Vec3 branch = s.position[j] - s.position[i];
+            for (int k = 0; k < 2; ++k)
+                branch[k] -= std::round(branch[k] / edge[k]) * edge[k];
+            count += norm(branch) < g.radius[i] + g.radius[j];
+        }
+    return count;
+}
+
+TEST(Flow, NoContactIsMissedBetweenLists) {
+    for (const std::uint64_t seed : {1u, 2u}) {
+        Scene scene = testing::bare_scene();
+        scene.material.friction = 0.3;
+        scene.gravity = {0, 0, -9.81};
+        const Grains g = sheared_layer(seed, {});
+        ThreadTeam team(2, 1);
+        Simulation s(scene, g, team);
+        std::size_t seen = 0;
+        for (int k = 0; k < 1500; ++k) {
+            s.step();
+            if (k % 7 == 0) {
+                const std::size_t expected = touching(s.snapshot(), g);
+                ASSERT_EQ(s.contacts(), expected) << "step " << k;
+                seen += expected;
+            }
+        }
+        EXPECT_GT(seen, 10000u);
+        EXPECT_GT(s.list_rebuilds(), 10u);
+        EXPECT_LT(s.list_rebuilds(), 300u);
+    }
+}
+
+TEST(Flow, ListsLastAsLongForGrainsThatFlyTogether) {
+    const auto rebuilds = [](const Vec3& common) {
+        Scene scene = testing::bare_scene();
+        Grains g = sheared_layer(3, common);
+        g.species.clear(); // nothing is held
+        ThreadTeam team(1);
+        Simulation s(scene, g, team);
+        for (int k = 0; k < 500; ++k)
+            s.step();
+        return s.list_rebuilds() + s.list_refreshes();
+    };
+    const std::size_t at_rest = rebuilds({}), flying = rebuilds({30, 20, -10});
+    EXPECT_LT(flying, at_rest + at_rest / 4);
+}
+
+} // namespace
+} // namespace talus::engine

@@ -22,6 +22,8 @@ struct ColumnAllocator {
 
     T* allocate(std::size_t n) {
         constexpr std::size_t huge = std::size_t{2} << 20;
+        if (n > (std::size_t{1} << 60) / sizeof(T))
+            throw std::bad_array_new_length();
         const std::size_t bytes = n * sizeof(T);
         const std::size_t alignment = bytes >= huge / 2 ? huge : 64;
         void* memory = std::aligned_alloc(alignment, (bytes + alignment - 1) / alignment * alignment);

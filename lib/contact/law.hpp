@@ -90,25 +90,26 @@ inline double normal_energy(const Constants& c, double effective_radius, double 
     return at_knee + 2 * strength * (d - knee) - (full - at_knee);
 }
 
-/// Takes a vector of the old tangent plane into the plane of `normal`, with its length kept, after turning it
-/// by `angle` (rad, small) about the normal: the pair's own rotation carries its history along (second order
-/// in the angle of one step).
-inline Vec3 carry_along(const Vec3& u, const Vec3& normal, double angle) {
-    const double before = norm2(u);
-    if (before == 0)
-        return {};
-    Vec3 t = u - dot(u, normal) * normal;
-    t += angle * cross(normal, t);
-    const double after = norm2(t);
-    return after > 0 ? t * std::sqrt(before / after) : Vec3{};
+/// The contact normal half a step ago.
+inline Vec3 half_normal(const Motion& m, double step) {
+    const Vec3 centre = m.half_velocity - dot(m.half_velocity, m.normal) * m.normal;
+    return m.normal + centre * (0.5 * step * m.turning);
+}
+
+/// Takes a vector of the old tangent plane along with the pair: into the plane of the present `normal`, by
+/// the rotation that leads from the old normal to it (u - (u.n) (n + n_old) / (1 + n.n_old), where n + n_old
+/// is twice the normal half-way), and by `angle` (rad) about it. Its length is kept up to the fourth power of
+/// both angles.
+inline Vec3 carry_along(const Vec3& u, const Vec3& normal, const Vec3& half_normal, double angle) {
+    const Vec3 t = u - dot(u, normal) * half_normal;
+    return (1 - 0.5 * angle * angle) * t + angle * cross(normal, t);
 }
 
 /// Tangential displacement gained from t - dt to t, second order in dt: the half-step velocities, resolved
 /// with the normal of the half step, over the part `dt` of the step during which the pair touched.
-inline Vec3 tangential_increment(const Motion& m, double dt, double step) {
-    const Vec3 centre = m.half_velocity - dot(m.half_velocity, m.normal) * m.normal;
-    const Vec3 middle = m.normal + centre * (0.5 * step * m.turning); // normal at the half step
-    const Vec3 v = m.half_velocity - dot(m.half_velocity, middle) * middle + cross(m.half_spin, middle);
+inline Vec3 tangential_increment(const Motion& m, const Vec3& half_normal, double dt) {
+    const Vec3 v =
+        m.half_velocity - dot(m.half_velocity, half_normal) * half_normal + cross(m.half_spin, half_normal);
     return dt * (v - dot(v, m.normal) * m.normal);
 }
 
@@ -177,14 +178,15 @@ template <class F>
         eta_t = eta_n * c.tangential_damping;
         vt = m.velocity - vn * m.normal + cross(m.spin, m.normal);
         if (step > 0) {
+            const Vec3 middle = half_normal(m, step);
             if (h.state & contact_active) {
                 h.tangential_displacement =
-                    carry_along(h.tangential_displacement, m.normal, m.half_twist * step) +
-                    tangential_increment(m, step, step);
+                    carry_along(h.tangential_displacement, m.normal, middle, m.half_twist * step) +
+                    tangential_increment(m, middle, step);
             } else { // touched within this step: only the time since then counts
                 const double approach = dot(m.half_velocity, m.normal);
                 const double since = approach * step > overlap ? overlap / approach : step;
-                h.tangential_displacement = tangential_increment(m, since, step);
+                h.tangential_displacement = tangential_increment(m, middle, since);
             }
         }
         trial = -(kt * h.tangential_displacement) - eta_t * vt;

@@ -61,10 +61,8 @@ ReferenceResult reference_pair_force(const Constants& c, const ReferenceParticle
         const Vec3 rate = in_plane(half_vrel - dot(half_vrel, half_n) * half_n + cross(half_spin, half_n), n);
         if (was_active) {
             const double angle = 0.5 * dot(i.half_angular_velocity + j.half_angular_velocity, n) * step;
-            Vec3 turned = in_plane(h.tangential_displacement, n);
-            turned += angle * cross(n, turned);
-            if (norm(turned) > 0)
-                turned *= norm(h.tangential_displacement) / norm(turned);
+            const Vec3 u = h.tangential_displacement, tilted = u - dot(u, n) * half_n; // with the normal
+            const Vec3 turned = tilted + angle * cross(n, tilted) - 0.5 * angle * angle * tilted; // about it
             h.tangential_displacement = turned + step * rate;
         } else {
             const double approach = dot(half_vrel, n);

@@ -263,15 +263,15 @@ void Simulation::assign_slots() {
         return (std::max<std::size_t>(list_.first(row + 1), 1) - 1) / sweep_block;
     };
     constexpr std::uint32_t far = search::no_candidate;
-    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t row = begin; row < end; ++row)
-            for (std::size_t k = list_.first(row); k < list_.first(row + 1); ++k) {
-                const search::Candidate c = list_.candidates()[k];
-                const std::size_t other = p.owner(c.i) == row ? p.owner(c.j) : p.owner(c.i);
-                const bool stays = hold_[row] == 2 || hold_[other] == 2 ||
-                                   (hold_[other] == 0 && last_block(other) >= k / sweep_block + ring_blocks);
-                slot[k] = stays ? far : 0;
-            }
+    team_.for_range(list_.size(), [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k) {
+            const search::Candidate c = list_.candidates()[k];
+            const auto waits = [&](std::size_t row) {
+                return hold_[row] == 2 ||
+                       (hold_[row] == 0 && last_block(row) >= k / sweep_block + ring_blocks);
+            };
+            slot[k] = waits(p.owner(c.i)) || waits(p.owner(c.j)) ? far : 0;
+        }
     });
     far_pairs_.clear();
     far_start_.assign(blocks + 1, 0);

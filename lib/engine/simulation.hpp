@@ -124,7 +124,7 @@ public:
 
 private:
     /// Pairs whose forces are computed before the particles they complete are moved: 16 kB of forces.
-    static constexpr std::size_t sweep_block = 256;
+    static constexpr std::size_t sweep_block = search::CandidateList::block;
     /// Blocks whose records are kept before their slots are used again: 320 kB.
     static constexpr std::size_t ring_blocks = 20;
 

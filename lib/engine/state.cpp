@@ -210,8 +210,10 @@ void Simulation::find_contacts_again(const SavedState& s) {
         if (i >= p.owned || j >= p.owned)
             lost(i, j);
         const std::uint32_t holder = list_.holder(p, row_of[i], row_of[j]);
-        std::uint32_t k = list_.first(holder);
-        const std::uint32_t last = list_.first(holder + 1);
+        constexpr std::size_t block = search::CandidateList::block;
+        std::size_t k = list_.first(holder) / block * block;
+        const std::size_t last =
+            std::min((list_.first(holder + 1) + block - 1) / block * block, list_.size());
         const auto is_it = [&](const search::Candidate& candidate) {
             auto shift = p.shift(candidate.j);
             for (std::size_t d = 0; d < 3; ++d)

@@ -91,36 +91,29 @@ HWY_INLINE LaneConstants<V> gathered_constants(const PairWork& work, const searc
     return {hn::Load(d, a[0]), hn::Load(d, a[1]), hn::Load(d, a[2]), hn::Load(d, a[3]), hn::Load(d, a[4])};
 }
 
-/// Where the two particles of each lane's pair stand in a column.
+/// The two particles of each lane's pair in a column.
 template <class Row>
-class PairBodies {
-public:
-    HWY_INLINE PairBodies(const Row* column, const search::Candidate* c) {
-        static_assert(std::has_single_bit(sizeof(Row)) && sizeof(search::Candidate) == sizeof(std::uint64_t));
-        const U64 u;
-        const auto pair = hn::LoadU(u, reinterpret_cast<const std::uint64_t*>(c));
-        const auto base = hn::Set(u, reinterpret_cast<std::uintptr_t>(column));
-        constexpr int shift = std::countr_zero(sizeof(Row));
-        hn::Store(hn::Add(base, hn::ShiftLeft<shift>(hn::And(pair, hn::Set(u, 0xffffffff)))), u, i_);
-        hn::Store(hn::Add(base, hn::ShiftLeft<shift>(hn::ShiftRight<32>(pair))), u, j_);
-    }
-    HWY_INLINE const Row& i(std::size_t lane) const { return *reinterpret_cast<const Row*>(i_[lane]); }
-    HWY_INLINE const Row& j(std::size_t lane) const { return *reinterpret_cast<const Row*>(j_[lane]); }
-
-private:
-    alignas(64) std::uint64_t i_[lanes], j_[lanes];
+struct PairBodies {
+    const Row* column;
+    const search::Candidate* candidates;
+    HWY_INLINE PairBodies(const Row* rows, const search::Candidate* c) : column(rows), candidates(c) {}
+    HWY_INLINE const Row& i(std::size_t lane) const { return column[candidates[lane].i]; }
+    HWY_INLINE const Row& j(std::size_t lane) const { return column[candidates[lane].j]; }
 };
 
-/// Prefetches what the pairs some way ahead read of their particles (with mixed precision `half_motion`
-/// instead of the second line).
+/// Prefetches what the pairs some way ahead read of the particle that stands further on (the other was met
+/// before), with mixed precision `half_motion` instead of the second line.
 HWY_INLINE void prefetch_pairs(const PairWork& work, std::size_t k, const HalfMotion* half_motion = nullptr) {
-    const PairBodies<Body> next(work.particles.bodies.data(), work.candidates.data() + k + prefetch_distance);
-    for (std::size_t l = 0; l < lanes; ++l)
-        for (const Body* body : {&next.i(l), &next.j(l)}) {
-            __builtin_prefetch(&body->position);
-            __builtin_prefetch(half_motion == nullptr ? static_cast<const void*>(&body->velocity)
-                                                      : half_motion + (body - work.particles.bodies.data()));
-        }
+    const Body* const bodies = work.particles.bodies.data();
+    const search::Candidate* const ahead = work.candidates.data() + k + prefetch_distance;
+    for (std::size_t l = 0; l < lanes; ++l) {
+        const std::size_t row = std::max(ahead[l].i, ahead[l].j);
+        __builtin_prefetch(&bodies[row].position);
+        if (half_motion != nullptr)
+            __builtin_prefetch(half_motion + row);
+        else
+            __builtin_prefetch(&bodies[row].velocity);
+    }
 }
 
 /// Calls instantiate.template operator()<F, OneSize, Materials>() for these traits.

@@ -83,18 +83,15 @@ HWY_INLINE LaneForce<T, Mask> lane_force(R r, const LaneConstants<T>& c, const c
         eta_t = hn::Mul(eta_n, c.tangential_damping);
         vt = take_scaled(m.velocity, vn, m.normal) + cross(m.spin, m.normal);
         if (step > 0) {
-            // carry_along
-            const T before = dot(u, u);
-            Three<T> turned = take_scaled(u, dot(u, m.normal), m.normal);
-            turned = add_scaled(turned, hn::Mul(m.half_twist, set(step)), cross(m.normal, turned));
-            const T after = dot(turned, turned);
-            const Mask something = hn::Gt(after, zero);
-            const T length = hn::Sqrt(hn::Div(before, hn::IfThenElse(something, after, set(1))));
-            turned = hn::IfThenElseZero(hn::And(was_active, something), length) * turned;
-            // tangential_increment
             const T approach = dot(m.half_velocity, m.normal);
             const Three<T> centre = take_scaled(m.half_velocity, approach, m.normal);
             const Three<T> middle = add_scaled(m.normal, hn::Mul(set(0.5 * step), m.turning), centre);
+            // carry_along; of a contact that has just begun there is nothing to carry
+            const Three<T> tilted = take_scaled(u, dot(u, m.normal), middle);
+            const T angle = hn::Mul(m.half_twist, set(step));
+            const T shrunk = hn::NegMulAdd(hn::Mul(angle, set(0.5)), angle, set(1));
+            const Three<T> turned = add_scaled(shrunk * tilted, angle, cross(m.normal, tilted));
+            // tangential_increment
             const Three<T> v = take_scaled(m.half_velocity, dot(m.half_velocity, middle), middle) +
                                cross(m.half_spin, middle);
             const Three<T> rate = take_scaled(v, dot(v, m.normal), m.normal);

@@ -255,9 +255,35 @@ void CandidateList::select(const ParticleColumns& p, double factor, std::span<co
     });
     for (std::size_t row = outer == 0 ? 0 : holder_[outer - 1] + std::size_t{1}; row <= p.owned; ++row)
         close_first_[row] = static_cast<std::uint32_t>(close_size_);
+    sort_blocks(team);
     const Candidate last = close_size_ > 0 ? candidates_[close_size_ - 1] : Candidate{0, 0};
     std::fill_n(candidates_.begin() + static_cast<std::ptrdiff_t>(close_size_), padding, last);
     build_references(p, team);
+}
+
+void CandidateList::sort_blocks(ThreadTeam& team) {
+    team.for_range(
+        close_size_,
+        [&](std::size_t begin, std::size_t end, int) {
+            std::array<std::tuple<Candidate, std::uint32_t>, block> without;
+            for (std::size_t first = begin; first < end; first += block) {
+                const std::size_t last = std::min(first + block, end);
+                std::size_t to = first, rest = 0;
+                for (std::size_t k = first; k < last; ++k)
+                    if (previous_[k] == no_candidate) {
+                        without[rest++] = {candidates_[k], outer_of_[k]};
+                    } else {
+                        candidates_[to] = candidates_[k];
+                        outer_of_[to] = outer_of_[k];
+                        previous_[to++] = previous_[k];
+                    }
+                for (std::size_t k = 0; k < rest; ++k) {
+                    std::tie(candidates_[to], outer_of_[to]) = without[k];
+                    previous_[to++] = no_candidate;
+                }
+            }
+        },
+        block);
 }
 
 void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team) {
@@ -279,19 +305,16 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
     fit(references_, reference_start_[p.owned] + padding);
     std::fill(references_.end() - padding, references_.end(), Reference{0});
     fit(row_scratch_, p.owned); // where the next reference goes
-    team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t row = begin; row < end; ++row) {
-            std::uint32_t at = reference_start_[row];
-            for (std::uint32_t k = close_first_[row]; k < close_first_[row + 1]; ++k)
-                references_[at++] = {2 * k + (candidates_[k].i == holder_[outer_of_[k]] ? 0u : 1u)};
-            row_scratch_[row] = at;
-        }
-    });
+    std::copy_n(reference_start_.begin(), p.owned, row_scratch_.begin());
     team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t k = begin; k < end; ++k)
-            if (const std::uint32_t row = other(k); p.species[row] != Species::fixed)
-                references_[add(row_scratch_[row], shared)] = {
-                    static_cast<std::uint32_t>(2 * k + (candidates_[k].i == partner_[outer_of_[k]] ? 0 : 1))};
+        for (std::size_t k = begin; k < end; ++k) {
+            const std::uint32_t holder = holder_[outer_of_[k]], row = other(k);
+            const auto pair = static_cast<std::uint32_t>(2 * k);
+            const std::uint32_t is_second = candidates_[k].i == holder ? 0 : 1;
+            references_[add(row_scratch_[holder], shared)] = {pair + is_second};
+            if (p.species[row] != Species::fixed)
+                references_[add(row_scratch_[row], shared)] = {pair + 1 - is_second};
+        }
     });
 
     struct Keyed {

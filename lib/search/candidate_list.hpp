@@ -39,11 +39,14 @@ constexpr std::uint32_t no_candidate = ~std::uint32_t{0};
 /// Each pair is held by one owned row: the one that moves or, of two that do, the much smaller one or, of
 /// two alike, the lower one. Both lists are in the order of the holders' rows, so that (sizes alike) all
 /// pairs of a row stand before those of the next: it can be moved while its pairs' forces are still in the
-/// cache.
+/// cache. Within each block of the close list, pairs with history come first, so that those without, which
+/// have nothing but a distance to be computed, stand together.
 class CandidateList {
 public:
     /// Candidates that vector code may read beyond the last one (repetitions of it).
     static constexpr std::size_t padding = 64;
+    /// Pairs in a block.
+    static constexpr std::size_t block = 256;
 
     /// Which pairs of the present close list carry history: those with state & mask, or with an offset (which
     /// may be empty: none has). Those with state & bound may not go beyond the outer list's reach; the others
@@ -75,7 +78,8 @@ public:
     std::size_t size() const { return close_size_; }
     std::span<const Candidate> candidates() const { return {candidates_.data(), close_size_}; }
     std::span<const std::uint32_t> previous() const { return {previous_.data(), close_size_}; }
-    /// Close pairs held by this owned row: [first(row), first(row + 1)).
+    /// Number of close pairs held by owned rows before this one. The row's own pairs are among those of the
+    /// blocks that [first(row), first(row + 1)) lies in.
     std::uint32_t first(std::size_t row) const { return close_first_[row]; }
     /// First row whose pairs all begin at or after this close pair.
     std::size_t row_at(std::size_t pair) const {
@@ -113,6 +117,7 @@ private:
     std::size_t match(const ParticleColumns& p, std::span<const std::uint32_t> old_row,
                       std::span<const Shift> wrapped, Live live, ThreadTeam& team);
     void select(const ParticleColumns& p, double factor, std::span<const float> share, ThreadTeam& team);
+    void sort_blocks(ThreadTeam& team);
     void build_references(const ParticleColumns& p, ThreadTeam& team);
 
     // Outer list.

@@ -147,9 +147,25 @@ TEST(Symmetry, PressedPairCarriesItsShearForceAround) {
     const Vec3 axis{0, 0, 1};
     const double step = 1e-3;
     for (int k = 0; k < 1000; ++k)
-        u = contact::carry_along(u, axis, step * std::numbers::pi / 2);
+        u = contact::carry_along(u, axis, axis, step * std::numbers::pi / 2);
     EXPECT_NEAR(u.x, 0, 1e-11);
     EXPECT_NEAR(u.y, 1e-6, 1e-11);
+}
+
+TEST(Symmetry, ShearForceOfATurningPairStaysInItsPlaneWithItsLength) {
+    // The normal goes round the y axis ten times, in steps of a degree, and the stored shear with it.
+    Vec3 along{1e-6, 0, 0}, across{0, 1e-6, 0};
+    const double step = std::numbers::pi / 180;
+    const auto normal = [&](double k) { return Vec3{-std::sin(k * step), 0, std::cos(k * step)}; };
+    for (int k = 1; k <= 3600; ++k) {
+        const Vec3 n = normal(k), before = normal(k - 1);
+        const Vec3 half = (n + before) / (1 + dot(n, before)); // what n + half a turn in its tangent plane is
+        along = contact::carry_along(along, n, half, 0);
+        across = contact::carry_along(across, n, half, 0);
+        ASSERT_LT(std::abs(dot(along, n)), 1e-18);
+    }
+    EXPECT_NEAR(along.x, 1e-6, 1e-12);
+    EXPECT_NEAR(across.y, 1e-6, 1e-20);
 }
 
 TEST(Symmetry, AngularMomentumOfAnObliqueImpactIsExact) {

@@ -217,7 +217,8 @@ std::size_t Simulation::memory() const {
     const ParticleColumns& p = particles_;
     return bytes(p.bodies) + bytes(p.half_motion) + bytes(p.id) + bytes(p.material) + bytes(p.species) +
            bytes(p.release) + bytes(p.image) + bytes(p.ghost_owner) + bytes(p.ghost_shift) + pairs_.memory() +
-           bytes(listed_) + bytes(share_) + motion_.memory() + bytes(refreshed_) + list_.memory();
+           bytes(listed_) + bytes(share_) + bytes(outer_share_) + motion_.memory() + bytes(refreshed_) +
+           list_.memory();
 }
 
 } // namespace talus::engine

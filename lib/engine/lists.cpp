@@ -19,8 +19,11 @@ constexpr std::size_t rebuilds_per_reorder = 10;
 /// A list is kept on where really no more than this part of its skin is used up.
 constexpr double worn_out = 0.7;
 
-/// The outer skin grows to at most so many times the scene's.
-constexpr double widest = 7;
+/// The outer skin grows to at most so many times the scene's, and a fast particle's share of it.
+constexpr double widest = 2, widest_share = 7;
+
+/// Steps that a particle's share of the outer skin lasts at its present speed.
+constexpr double outer_share_steps = 150;
 
 /// Steps that a particle's share of the close skin lasts at its present speed.
 constexpr double share_steps = 50;
@@ -28,9 +31,9 @@ constexpr double share_steps = 50;
 /// The local motion counts where it takes more than this part of the close skin meanwhile.
 constexpr double slow = 0.2;
 
-/// The largest share is at most this part of the outer skin: some lists of close pairs are made of one outer
-/// one.
-constexpr double largest_share = 0.2;
+/// A particle's share of the close skin is at most this part of its share of the outer one: some lists of
+/// close pairs are made of one outer one.
+constexpr double largest_share = 0.4;
 
 } // namespace
 
@@ -45,12 +48,39 @@ Vec3 Simulation::moved_against_others(std::size_t row) const {
     return moved_since_listed(row) - since * motion_.of(row).velocity();
 }
 
-/// Each particle has its share of the close list's skin: what it may move against the local motion until the
-/// list is made anew, more where it is fast. So a few fast particles do not make the list of all the others
-/// long or short-lived.
+/// No particle's share of the outer skin is larger (m).
+double Simulation::largest_outer_share() const {
+    double most = 0.5 * widest_share * scene_.skin * largest_radius_;
+    for (int k = 0; k < 3; ++k)
+        if (images_.box().periodic[static_cast<std::size_t>(k)])
+            most = std::min(
+                most, 0.5 * (images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ - bond_reach_));
+    return most;
+}
+
+/// Each particle has its share of the lists' skins: what it may move against the local motion until the list
+/// is made anew, more where it is fast. So a few fast particles do not make the lists of all the others long
+/// or short-lived.
+void Simulation::set_outer_shares() {
+    const ParticleColumns& p = particles_;
+    const double most = largest_outer_share(), dt = outer_share_steps * time_step_.step;
+    outer_share_.resize(p.owned);
+    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row) {
+            const search::LocalMotion::Cell& cell = motion_.of(row);
+            const bool fixed = p.species[row] == Species::fixed;
+            const Vec3 velocity = fixed ? Vec3{} : p.bodies[row].velocity.vec();
+            const double speed = norm(velocity - cell.velocity()) + cell.shear;
+            outer_share_[row] =
+                fixed && speed == 0 ? 0.0f : static_cast<float>(std::min(most, 0.5 * skin_ + dt * speed));
+        }
+    });
+}
+
+/// The same for the close list.
 void Simulation::set_shares() {
     const ParticleColumns& p = particles_;
-    const double most = largest_share * skin_, dt = share_steps * time_step_.step;
+    const double dt = share_steps * time_step_.step;
     share_.resize(p.owned);
     std::vector<double> use(static_cast<std::size_t>(team_.size()));
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
@@ -61,7 +91,7 @@ void Simulation::set_shares() {
             const Vec3 velocity = fixed ? Vec3{} : p.bodies[row].velocity.vec();
             const double against = norm(velocity - cell.velocity()), speed = against + cell.shear;
             share_[row] =
-                fixed && speed == 0 ? 0.0f : static_cast<float>(std::min(most, close_skin_ + dt * speed));
+                static_cast<float>(std::min(largest_share * outer_share_[row], close_skin_ + dt * speed));
             if (share_[row] > 0) // fixed ones are not looked at in every step
                 largest = std::max(largest, (fixed ? speed : double{cell.shear}) / share_[row]);
         }
@@ -86,7 +116,9 @@ Simulation::Displacement Simulation::largest_displacement() {
             const search::LocalMotion::Cell& cell = motion_.of(row);
             const Vec3 against = moved - since * cell.velocity();
             const std::array<float, 3>& before = refreshed_[row];
-            largest.outer = std::max(largest.outer, norm(against) + since * cell.shear);
+            largest.outer = std::max(largest.outer,
+                                     (norm(against) + since * cell.shear + listed_rounding_ + share_[row]) /
+                                         outer_share_[row]);
             largest.used = std::max(largest.used, (norm(against - Vec3{before[0], before[1], before[2]}) +
                                                    since_refresh * cell.shear) /
                                                       share_[row]);
@@ -99,7 +131,6 @@ Simulation::Displacement Simulation::largest_displacement() {
         largest.used = std::max(largest.used, part.used);
         largest.walls = std::max(largest.walls, part.walls);
     }
-    largest.outer += listed_rounding_;
     largest.walls += listed_rounding_;
     return largest;
 }
@@ -108,14 +139,13 @@ Simulation::Displacement Simulation::largest_displacement() {
 /// close list is made the next time. Whether they can have is first judged by the sum of the largest speeds,
 /// which costs nothing; where that runs out, by how far they really went.
 void Simulation::keep_lists_valid() {
-    if (used_ <= 1 && wall_used_ <= skin_) {
+    if (used_ <= 1 && wall_used_ <= wall_skin_) {
         images_.update_ghosts(particles_, team_);
         return;
     }
-    const double share = largest_share * skin_;
     const Displacement moved = largest_displacement();
     wall_used_ = moved.walls + wall_travel_;
-    if (2 * (moved.outer + share) > skin_ || (walls_.any() && wall_used_ > worn_out * skin_)) {
+    if (moved.outer > 1 || (walls_.any() && wall_used_ > worn_out * wall_skin_)) {
         rebuild(false);
         return;
     }
@@ -132,21 +162,18 @@ void Simulation::adapt_skins(bool outer) {
     const auto adapt = [&](double skin, std::int64_t lasted, std::int64_t least, std::int64_t most) {
         return lasted < least ? 1.25 * skin : (lasted > most ? 0.8 * skin : skin);
     };
-    if (refreshes_ > 0)
-        close_skin_ = adapt(close_skin_, step_ - last_refresh_, 30, 100);
-    last_refresh_ = step_;
     if (outer) {
         if (rebuilds_ > 0)
             skin_ = adapt(skin_, step_ - last_rebuild_, 150, 1000);
         last_rebuild_ = step_;
-        skin_ =
-            std::clamp(skin_, 0.5 * scene_.skin * largest_radius_, widest * scene_.skin * largest_radius_);
-        for (int k = 0; k < 3; ++k)
-            if (images_.box().periodic[static_cast<std::size_t>(k)])
-                skin_ = std::min(skin_, images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ -
-                                            bond_reach_);
+        skin_ = std::min(
+            std::clamp(skin_, 0.5 * scene_.skin * largest_radius_, widest * scene_.skin * largest_radius_),
+            2 * largest_outer_share());
+    } else {
+        close_skin_ = adapt(close_skin_, step_ - last_refresh_, 30, 100);
     }
-    close_skin_ = std::clamp(close_skin_, 0.002 * largest_radius_, largest_share * skin_);
+    last_refresh_ = step_;
+    close_skin_ = std::clamp(close_skin_, 0.002 * largest_radius_, 0.5 * largest_share * skin_);
 }
 
 search::CandidateList::Live Simulation::live() const {
@@ -179,10 +206,12 @@ void Simulation::rebuild(bool all_bonds) {
         for (std::size_t row = 0; row < p.owned; ++row)
             p.set_half_motion(row);
     }
-    const double margin = skin_ + bond_reach_;
-    const double reach = 2 * largest_radius_ * reach_factor_ + margin;
-    images_.make_ghosts(p, reach);
-    motion_.build(p, images_.box(), reach, slow * close_skin_ / (share_steps * time_step_.step), team_);
+    const double touch = 2 * largest_radius_ * reach_factor_ + bond_reach_;
+    motion_.build(p, images_.box(), touch + 2 * largest_outer_share(),
+                  slow * close_skin_ / (share_steps * time_step_.step), team_);
+    set_outer_shares();
+    wall_skin_ = 2.0 * *std::max_element(outer_share_.begin(), outer_share_.end());
+    images_.make_ghosts(p, touch + wall_skin_);
     if (first)
         order.clear();
     set_shares();
@@ -190,8 +219,8 @@ void Simulation::rebuild(bool all_bonds) {
     if (all_bonds)
         for (float& share : share_)
             share += static_cast<float>(bond_reach_);
-    const std::size_t lost =
-        list_.rebuild(p, reach_factor_, margin, close_factor, share_, order, wrapped, live(), team_);
+    const std::size_t lost = list_.rebuild(p, reach_factor_, bond_reach_, outer_share_, close_factor, share_,
+                                           order, wrapped, live(), team_);
     set_shares();
     if (lost > 0)
         throw Error(ExitCode::run_failed,
@@ -214,7 +243,7 @@ void Simulation::rebuild(bool all_bonds) {
             listed_[row] = {static_cast<float>(x.x), static_cast<float>(x.y), static_cast<float>(x.z)};
         }
     });
-    walls_.rebuild(p, skin_, order);
+    walls_.rebuild(p, wall_skin_, order);
     wall_travel_ = wall_used_ = 0;
     ++rebuilds_;
     take_close_list();

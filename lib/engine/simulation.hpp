@@ -157,11 +157,13 @@ private:
     std::size_t count_bonds() const;
     void keep_lists_valid();
     struct Displacement {
-        double outer = 0; ///< m, against the local motion since the outer list was made
+        double outer = 0; ///< of a particle's share of the outer skin, with its close share
         double used = 0;  ///< of a particle's share of the close skin
         double walls = 0; ///< m, towards a wall since the outer list was made
     };
     Displacement largest_displacement();
+    double largest_outer_share() const;
+    void set_outer_shares();
     void set_shares();
     Vec3 moved_since_listed(std::size_t row) const;
     Vec3 moved_against_others(std::size_t row) const;
@@ -199,8 +201,9 @@ private:
 
     std::int64_t step_ = 0, last_rebuild_ = 0, last_refresh_ = 0;
     double reach_factor_ = 1, bond_reach_ = 0, largest_radius_ = 0, smallest_radius_ = 0, mean_radius_ = 0;
-    double skin_ = 0, close_skin_ = 0; ///< m; of the close one the least share of a particle
+    double skin_ = 0, close_skin_ = 0; ///< m; the least share of a particle is half the first, the second
     double used_ = 0;                  ///< the largest part of his share that anybody can have used up
+    double wall_skin_ = 0;             ///< m, from which on walls are listed
     double shear_use_ = 0;             ///< 1/s, the largest part of a share that the local motion uses up
     double wall_travel_ = 0;           ///< m, of the walls since the outer list was made
     double wall_used_ = 0;             ///< m, by which anybody can have come nearer to a wall since then
@@ -213,6 +216,7 @@ private:
     std::vector<std::array<float, 3>>
         listed_; ///< m, positions against the origin when the outer list was made
     std::vector<std::array<float, 3>> refreshed_; ///< m, moved_against_others() when the close list was made
+    std::vector<float> outer_share_;              ///< m, the same of the outer list
     std::vector<float> share_; ///< m, by which a particle may move before the close list is made anew
     std::vector<std::size_t> complete_rows_; ///< rows whose pairs all stand before the k-th block of pairs
     std::vector<std::uint8_t> hold_;         ///< [owned] rows that do not move with the sweep

@@ -57,7 +57,11 @@ std::uint32_t CandidateList::holder(const ParticleColumns& p, std::uint32_t i, s
     return p.shift(j) > p.shift(i) ? i : j; // a particle and its own image
 }
 
-void CandidateList::find(const ParticleColumns& p, double factor, double margin, ThreadTeam& team) {
+void CandidateList::find(const ParticleColumns& p, double factor, double margin, std::span<const float> share,
+                         ThreadTeam& team) {
+    double usual_share = 0;
+    for (const float s : share)
+        usual_share += s / static_cast<double>(share.size());
     largest_radius_ = 0;
     for (std::size_t row = 0; row < p.owned; ++row)
         largest_radius_ = std::max(largest_radius_, p.bodies[row].position.w);
@@ -78,7 +82,8 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
     for (std::size_t c = 0; c < classes; ++c) {
         const double radius = std::ldexp(largest_radius_, -static_cast<int>(c));
         if (classes == 1 || !class_rows_[c].empty())
-            points_[c].build(p, class_rows_[c], 2 * radius * factor + margin, team);
+            points_[c].build(p, class_rows_[c], factor, share, 2 * (radius * factor + usual_share) + margin,
+                             team);
         else
             points_[c] = {};
     }
@@ -108,8 +113,7 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
                 if (points_[c].size() == 0 || (c > own && !has_fixed[c]))
                     continue;
                 near.clear();
-                const double base = self.w * factor + margin;
-                points_[c].near(self.vec(), base + factor * points_[c].largest_radius(), base, factor, near);
+                points_[c].near(self.vec(), self.w * factor + margin + share[row], near);
                 for (const std::uint32_t j : near)
                     if (j != i && (c < own || (c == own ? holder(p, i, j) == i : !moves(p, j))))
                         found.push_back(j);
@@ -187,10 +191,10 @@ std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::
 }
 
 std::size_t CandidateList::rebuild(const ParticleColumns& p, double factor, double margin,
-                                   double close_factor, std::span<const float> share,
-                                   std::span<const std::uint32_t> old_row, std::span<const Shift> wrapped,
-                                   Live live, ThreadTeam& team) {
-    find(p, factor, margin, team);
+                                   std::span<const float> outer_share, double close_factor,
+                                   std::span<const float> share, std::span<const std::uint32_t> old_row,
+                                   std::span<const Shift> wrapped, Live live, ThreadTeam& team) {
+    find(p, factor, margin, outer_share, team);
     fit(previous_of_outer_, holder_.size());
     std::fill(previous_of_outer_.begin(), previous_of_outer_.end(), no_candidate);
     const std::size_t lost = old_row.empty() ? 0 : match(p, old_row, wrapped, live, team);

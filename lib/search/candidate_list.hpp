@@ -60,17 +60,20 @@ public:
         }
     };
 
-    /// Makes both lists: outer pairs have distance < (ri + rj) factor + margin, close ones distance < (ri +
-    /// rj) close_factor + share_i + share_j. Afterwards `previous()[k]` tells where close pair k stood
-    /// before, or `no_candidate` for pairs that were not there or not live.
+    /// Makes both lists: outer pairs have distance < (ri + rj) factor + margin + outer_share_i +
+    /// outer_share_j, close ones distance < (ri + rj) close_factor + share_i + share_j. Afterwards
+    /// `previous()[k]` tells where close pair k stood before, or `no_candidate` for pairs that were not there
+    /// or not live.
     ///
     /// @param p         columns, sorted, with ghosts reaching at least the largest cutoff beyond owned rows
+    /// @param outer_share [owned] m, what each particle may move before the outer list is made anew
     /// @param share     [owned] m, what each particle may move before the close list is made anew
     /// @param old_row   [owned] row each owned particle had in the list before; empty at the first build
     /// @param wrapped   [owned] box lengths taken off each owned particle since then
     /// @returns number of bound pairs that are beyond the outer list's reach: their history is lost
-    std::size_t rebuild(const ParticleColumns& p, double factor, double margin, double close_factor,
-                        std::span<const float> share, std::span<const std::uint32_t> old_row,
+    std::size_t rebuild(const ParticleColumns& p, double factor, double margin,
+                        std::span<const float> outer_share, double close_factor, std::span<const float> share,
+                        std::span<const std::uint32_t> old_row,
                         std::span<const std::array<std::int8_t, 3>> wrapped, Live live, ThreadTeam& team);
     /// Makes the close list anew from the outer one.
     void refresh(const ParticleColumns& p, std::span<const float> share, Live live, ThreadTeam& team);
@@ -113,7 +116,8 @@ public:
 
 private:
     using Shift = std::array<std::int8_t, 3>;
-    void find(const ParticleColumns& p, double factor, double margin, ThreadTeam& team);
+    void find(const ParticleColumns& p, double factor, double margin, std::span<const float> share,
+              ThreadTeam& team);
     std::size_t match(const ParticleColumns& p, std::span<const std::uint32_t> old_row,
                       std::span<const Shift> wrapped, Live live, ThreadTeam& team);
     void select(const ParticleColumns& p, double factor, std::span<const float> share, ThreadTeam& team);

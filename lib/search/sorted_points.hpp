@@ -16,16 +16,16 @@ namespace talus::search {
 /// reaches further by what that rounds. Memory is reused from build to build.
 class SortedPoints {
 public:
-    /// Sorts these rows of `p` into cells at least `smallest_cell` (m) wide.
-    /// @param rows empty: all rows
-    void build(const ParticleColumns& p, std::span<const std::uint32_t> rows, double smallest_cell,
-               ThreadTeam& team);
+    /// Sorts these rows of `p` into cells at least `smallest_cell` (m) wide. A sphere extends to its radius
+    /// times `factor` and its owner's share.
+    /// @param rows  empty: all rows
+    /// @param share [owned] m
+    void build(const ParticleColumns& p, std::span<const std::uint32_t> rows, double factor,
+               std::span<const float> share, double smallest_cell, ThreadTeam& team);
 
     std::size_t size() const { return row_.size(); }
-    double largest_radius() const { return largest_radius_; }
-    /// Appends the rows with |x - centre| < near + factor * radius to `out`; `reach` (m) is at least that.
-    void near(const Vec3& centre, double reach, double near, double factor,
-              std::vector<std::uint32_t>& out) const;
+    /// Appends the rows with |x - centre| < near + extent to `out`.
+    void near(const Vec3& centre, double near, std::vector<std::uint32_t>& out) const;
     std::size_t memory() const;
 
 private:
@@ -43,8 +43,8 @@ private:
 
     Vec3 lower_, inverse_edge_;
     std::array<int, 3> cells_{1, 1, 1};
-    double largest_radius_ = 0, rounding_ = 0;
-    Column<float> x_, y_, z_, radius_; ///< in cell order, a vector longer than there are points
+    double largest_extent_ = 0, rounding_ = 0;
+    Column<float> x_, y_, z_, extent_; ///< in cell order, a vector longer than there are points
     Column<std::uint32_t> row_, place_;
     std::vector<std::uint32_t> start_, fill_;
 };

@@ -140,7 +140,7 @@ Simulation::Displacement Simulation::largest_displacement() {
 /// which costs nothing; where that runs out, by how far they really went.
 void Simulation::keep_lists_valid() {
     if (used_ <= 1 && wall_used_ <= wall_skin_) {
-        images_.update_ghosts(particles_, team_);
+        images_.update_ghosts(particles_, close_ghosts_, team_);
         return;
     }
     const Displacement moved = largest_displacement();
@@ -149,11 +149,13 @@ void Simulation::keep_lists_valid() {
         rebuild(false);
         return;
     }
-    images_.update_ghosts(particles_, team_);
-    if (moved.used <= worn_out)
+    if (moved.used <= worn_out) {
+        images_.update_ghosts(particles_, close_ghosts_, team_);
         used_ = moved.used;
-    else
+    } else {
+        images_.update_ghosts(particles_, team_);
         refresh();
+    }
 }
 
 /// Takes wider skins where lists last a few steps only (flow) and narrower ones where they last long (rest).
@@ -330,6 +332,17 @@ void Simulation::take_close_list() {
         complete_rows_[b] = list_.rows_before(b * sweep_block);
     find_late_rows();
     assign_slots();
+    close_ghosts_.clear();
+    if (particles_.ghosts() > 0) {
+        std::vector<bool> close(particles_.ghosts(), false);
+        for (const search::Candidate& c : list_.candidates())
+            for (const std::uint32_t row : {c.i, c.j})
+                if (row >= particles_.owned)
+                    close[row - particles_.owned] = true;
+        for (std::uint32_t g = 0; g < close.size(); ++g)
+            if (close[g])
+                close_ghosts_.push_back(g);
+    }
     refreshed_.resize(particles_.owned);
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {

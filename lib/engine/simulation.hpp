@@ -218,6 +218,8 @@ private:
     std::vector<std::array<float, 3>> refreshed_; ///< m, moved_against_others() when the close list was made
     std::vector<float> outer_share_;              ///< m, the same of the outer list
     std::vector<float> share_; ///< m, by which a particle may move before the close list is made anew
+    std::vector<std::uint32_t>
+        close_ghosts_; ///< those in the close list: the others are brought up with the lists
     std::vector<std::size_t> complete_rows_; ///< rows whose pairs all stand before the k-th block of pairs
     std::vector<std::uint8_t> hold_;         ///< [owned] rows that do not move with the sweep
     std::vector<std::vector<std::uint32_t>> late_; ///< by thread: rows that wait for pairs of others

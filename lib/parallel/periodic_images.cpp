@@ -111,4 +111,12 @@ void PeriodicImages::update_ghosts(ParticleColumns& p, ThreadTeam& team) const {
     });
 }
 
+void PeriodicImages::update_ghosts(ParticleColumns& p, std::span<const std::uint32_t> which,
+                                   ThreadTeam& team) const {
+    team.for_range(which.size(), [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k)
+            copy_to_ghost(p, which[k]);
+    });
+}
+
 } // namespace talus::parallel

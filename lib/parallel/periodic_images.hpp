@@ -4,6 +4,7 @@
 #include "particles/box.hpp"
 #include "particles/columns.hpp"
 
+#include <span>
 #include <vector>
 
 namespace talus::parallel {
@@ -40,6 +41,8 @@ public:
 
     /// Brings the ghosts' positions and velocities up to their owners'.
     void update_ghosts(ParticleColumns& p, ThreadTeam& team) const;
+    /// The same for some of them (counted from the first ghost).
+    void update_ghosts(ParticleColumns& p, std::span<const std::uint32_t> which, ThreadTeam& team) const;
 
 private:
     void copy_to_ghost(ParticleColumns& p, std::size_t ghost) const;

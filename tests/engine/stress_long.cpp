@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-/// Numerical stability over very many steps (label long); shorter versions are in stress.cpp.
+/// Numerical stability over very many steps (label long); shorter versions are in stress_steps.cpp.
 #include "stress_table.hpp"
 
 namespace talus::engine {

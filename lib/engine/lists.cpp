@@ -67,7 +67,7 @@ void Simulation::set_outer_shares() {
     outer_share_.resize(p.owned);
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
-            const search::LocalMotion::Cell& cell = motion_.of(row);
+            const search::LocalMotion::Cell cell = motion_.of(row);
             const bool fixed = p.species[row] == Species::fixed;
             const Vec3 velocity = fixed ? Vec3{} : p.bodies[row].velocity.vec();
             const double speed = norm(velocity - cell.velocity()) + cell.shear;
@@ -86,7 +86,7 @@ void Simulation::set_shares() {
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
         double largest = 0;
         for (std::size_t row = begin; row < end; ++row) {
-            const search::LocalMotion::Cell& cell = motion_.of(row);
+            const search::LocalMotion::Cell cell = motion_.of(row);
             const bool fixed = p.species[row] == Species::fixed;
             const Vec3 velocity = fixed ? Vec3{} : p.bodies[row].velocity.vec();
             const double against = norm(velocity - cell.velocity()), speed = against + cell.shear;
@@ -113,7 +113,7 @@ Simulation::Displacement Simulation::largest_displacement() {
             if (share_[row] == 0) // nothing moves there
                 continue;
             const Vec3 moved = moved_since_listed(row);
-            const search::LocalMotion::Cell& cell = motion_.of(row);
+            const search::LocalMotion::Cell cell = motion_.of(row);
             const Vec3 against = moved - since * cell.velocity();
             const std::array<float, 3>& before = refreshed_[row];
             largest.outer = std::max(largest.outer,

@@ -92,6 +92,11 @@ void WallContacts::compute(const ParticleColumns& p, double step, ThreadTeam& te
             contact::Motion m;
             m.normal = -wall.normal;
             m.distance = distance(e.wall, x.vec());
+            if (m.distance >= x.w && !(e.history.state & contact::contact_active) && e.history.offset == 0) {
+                e.force = e.couple = {};
+                e.damping = 0;
+                continue;
+            }
             m.touch = x.w;
             m.effective_radius = x.w;
             m.effective_mass = v.w;

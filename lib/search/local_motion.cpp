@@ -46,16 +46,15 @@ void LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
     });
 
     const std::size_t cells = nx * ny * nz;
-    fit(sums_, cells);
-    std::fill(sums_.begin(), sums_.end(), Cell{});
-    members_.assign(cells, 0);
+    std::vector<Cell> sums(cells);
+    std::vector<std::uint32_t> members(cells, 0); // of each cell
     for (std::size_t row = 0; row < n; ++row) {
-        Cell& cell = sums_[cell_of_[row]];
+        Cell& cell = sums[cell_of_[row]];
         const Record& v = p.bodies[row].velocity;
         cell.vx += static_cast<float>(v.x);
         cell.vy += static_cast<float>(v.y);
         cell.vz += static_cast<float>(v.z);
-        ++members_[cell_of_[row]];
+        ++members[cell_of_[row]];
     }
     // The sums of a cell and its neighbours together make a smoother field than a few particles each, with
     // less shear.
@@ -74,20 +73,20 @@ void LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
             for (std::size_t y = 0; y < neighbours[1]; ++y)
                 for (std::size_t x = 0; x < neighbours[0]; ++x)
                     if (const std::size_t other = (next[2][z] * ny + next[1][y]) * nx + next[0][x];
-                        members_[other] > 0)
+                        members[other] > 0)
                         body(other);
     };
     fit(cells_, cells);
     team.for_range(cells, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t c = begin; c < end; ++c) {
             Vec3 sum;
-            std::uint32_t members = 0;
-            if (members_[c] > 0)
+            std::uint32_t count = 0;
+            if (members[c] > 0)
                 for_neighbours(c, [&](std::size_t other) {
-                    sum += sums_[other].velocity();
-                    members += members_[other];
+                    sum += sums[other].velocity();
+                    count += members[other];
                 });
-            const Vec3 mean = members > 0 ? sum / members : Vec3{};
+            const Vec3 mean = count > 0 ? sum / count : Vec3{};
             cells_[c] = {static_cast<float>(mean.x), static_cast<float>(mean.y), static_cast<float>(mean.z),
                          0};
         }
@@ -95,13 +94,14 @@ void LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
     still_ = std::all_of(cells_.begin(), cells_.end(),
                          [least](const Cell& cell) { return norm2(cell.velocity()) <= least * least; });
     if (still_) {
-        std::fill(cells_.begin(), cells_.end(), Cell{});
+        cells_ = {};
+        cell_of_ = {};
         return;
     }
     team.for_range(cells, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t c = begin; c < end; ++c) {
             double largest2 = 0;
-            if (members_[c] > 0)
+            if (members[c] > 0)
                 for_neighbours(c, [&](std::size_t other) {
                     largest2 = std::max(largest2, norm2(cells_[c].velocity() - cells_[other].velocity()));
                 });
@@ -112,8 +112,7 @@ void LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
 }
 
 std::size_t LocalMotion::memory() const {
-    return (cells_.capacity() + sums_.capacity()) * sizeof(Cell) +
-           cell_of_.capacity() * sizeof(std::uint32_t) + members_.capacity() * sizeof(std::uint32_t);
+    return cells_.capacity() * sizeof(Cell) + cell_of_.capacity() * sizeof(std::uint32_t);
 }
 
 } // namespace talus::search

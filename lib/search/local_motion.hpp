@@ -28,11 +28,11 @@ public:
     /// @param reach m, the longest distance of a listed pair
     /// @param least m s-1; where no cell is faster, all are taken to be at rest
     void build(const ParticleColumns& p, const Box& box, double reach, double least, ThreadTeam& team);
-    /// All cells are at rest.
+    /// All cells are at rest; then there are none.
     bool still() const { return still_; }
 
-    const Cell& of(std::size_t row) const { return cells_[cell_of_[row]]; }
-    /// The same for loops over many: cells()[cell_of()[row]].
+    Cell of(std::size_t row) const { return still_ ? Cell{} : cells_[cell_of_[row]]; }
+    /// The same for loops over many, where not still: cells()[cell_of()[row]].
     const Cell* cells() const { return cells_.data(); }
     const std::uint32_t* cell_of() const { return cell_of_.data(); }
     std::size_t memory() const;
@@ -40,9 +40,8 @@ public:
 private:
     std::array<std::size_t, 3> count_{1, 1, 1};
     bool still_ = true;
-    Column<Cell> cells_, sums_;
+    Column<Cell> cells_;
     Column<std::uint32_t> cell_of_; ///< [owned]
-    std::vector<std::uint32_t> members_;
 };
 
 } // namespace talus::search

@@ -53,7 +53,7 @@ template <class T>
 void fit(Column<T>& column, std::size_t size) {
     if (size > column.capacity()) {
         column = Column<T>();
-        column.reserve(size + size / 100);
+        column.reserve(size + size / 200);
     }
     column.resize(size);
 }

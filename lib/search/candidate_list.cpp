@@ -92,7 +92,7 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
     found_.resize(threads);
     near_.resize(threads);
     for (auto& found : found_) { // about as many as the last time
-        const std::size_t expected = found.size() + found.size() / 20;
+        const std::size_t expected = found.size() + found.size() / 40;
         found.clear();
         if (found.capacity() > expected + expected / 10)
             found = {};

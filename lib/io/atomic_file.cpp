@@ -23,6 +23,8 @@ namespace fs = std::filesystem;
     throw Error(ExitCode::run_failed, fmt::format("{}: {}: {}; {}", path, what, std::strerror(error), cure));
 }
 
+constexpr off_t lock_place = off_t{1} << 62; ///< a byte that no file has
+
 constexpr const char* other_place = "make room or choose another place for the output";
 
 [[noreturn]] void refuse_existing(const std::string& path) {
@@ -30,7 +32,7 @@ constexpr const char* other_place = "make room or choose another place for the o
                 fmt::format("{}: exists already; give another name or --overwrite", path));
 }
 
-void sync(const std::string& name, const std::string& shown, int flags) {
+void sync_path(const std::string& name, const std::string& shown, int flags) {
     const int descriptor = ::open(name.c_str(), flags | O_CLOEXEC);
     if (descriptor < 0)
         fail(shown, "cannot be synced to the disk", errno, other_place);
@@ -67,6 +69,13 @@ std::string sidecar_path(const std::string& path) {
 }
 
 AtomicFile::AtomicFile(const std::string& path, bool overwrite)
+    : AtomicFile(path, overwrite, Partial::anew) {}
+
+AtomicFile AtomicFile::take_over(const std::string& path, bool overwrite) {
+    return {path, overwrite, Partial::as_it_is};
+}
+
+AtomicFile::AtomicFile(const std::string& path, bool overwrite, Partial partial)
     : path_(path), target_(behind_links(path)), partial_(partial_path(target_)), overwrite_(overwrite) {
     std::error_code error;
     const auto status = fs::status(target_, error);
@@ -77,12 +86,19 @@ AtomicFile::AtomicFile(const std::string& path, bool overwrite)
             ExitCode::run_failed,
             fmt::format("{}: is no regular file and cannot be replaced by one; choose another output", path));
     for (;;) { // until the locked file is the one the name points to
-        lock_ = ::open(partial_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+        const int create = partial == Partial::anew ? O_CREAT : 0;
+        lock_ = ::open(partial_.c_str(), O_RDWR | create | O_CLOEXEC, 0666);
+        if (lock_ < 0 && create == 0)
+            throw Error(ExitCode::input_invalid,
+                        fmt::format("{}: cannot be gone on with: {}; put it back, or start anew", partial_,
+                                    std::strerror(errno)));
         if (lock_ < 0)
             fail(path, "cannot be created", errno, "check that the folder exists and is writable");
         struct flock lock {};
         lock.l_type = F_WRLCK;
         lock.l_whence = SEEK_SET;
+        lock.l_start = lock_place; // MPI libraries lock what they write on some file systems
+        lock.l_len = 1;
         if (::fcntl(lock_, F_OFD_SETLK, &lock) != 0 && (errno == EAGAIN || errno == EACCES)) {
             ::close(std::exchange(lock_, -1));
             throw Error(
@@ -97,7 +113,7 @@ AtomicFile::AtomicFile(const std::string& path, bool overwrite)
             break;
         ::close(std::exchange(lock_, -1));
     }
-    if (::ftruncate(lock_, 0) != 0) { // what a killed run left
+    if (partial == Partial::anew && ::ftruncate(lock_, 0) != 0) { // what a killed run left
         const int reason = errno;
         abandon();
         fail(path, "cannot be created", reason, other_place);
@@ -110,6 +126,30 @@ AtomicFile::AtomicFile(AtomicFile&& other) noexcept
 
 AtomicFile::~AtomicFile() {
     abandon();
+}
+
+std::uint64_t AtomicFile::length() const {
+    struct stat status {};
+    if (::fstat(lock_, &status) != 0)
+        fail(path_, "cannot be measured", errno, other_place);
+    return static_cast<std::uint64_t>(status.st_size);
+}
+
+void AtomicFile::reserve(std::uint64_t end) {
+    const auto present = static_cast<off_t>(length()), room = static_cast<off_t>(end) - present;
+    if (room <= 0)
+        return;
+    int result = 0;
+    do
+        result = ::fallocate(lock_, FALLOC_FL_KEEP_SIZE, present, room);
+    while (result != 0 && errno == EINTR);
+    if (result != 0 && errno != EOPNOTSUPP && errno != ENOSYS)
+        fail(path_, "cannot be written", errno, other_place);
+}
+
+void AtomicFile::sync() const {
+    if (::fsync(lock_) != 0 && errno != EINVAL && errno != EROFS)
+        fail(path_, "cannot be synced to the disk", errno, other_place);
 }
 
 void AtomicFile::abandon() noexcept {
@@ -125,7 +165,7 @@ void AtomicFile::leave() noexcept {
 }
 
 void AtomicFile::commit(const std::string& keep_previous) {
-    sync(partial_, path_, O_RDONLY);
+    sync_path(partial_, path_, O_RDONLY);
     if (!keep_previous.empty()) {
         // A second name for the present file, put in place by renaming: target_ exists at every instant.
         const std::string second = partial_path(keep_previous);
@@ -145,7 +185,7 @@ void AtomicFile::commit(const std::string& keep_previous) {
         fail(path_, "cannot be renamed to its final name", errno, other_place);
     }
     ::close(std::exchange(lock_, -1));
-    sync(folder_of(target_), path_, O_RDONLY | O_DIRECTORY);
+    sync_path(folder_of(target_), path_, O_RDONLY | O_DIRECTORY);
 }
 
 /// Renames only where no file of the final name has come up meanwhile.

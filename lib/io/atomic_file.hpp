@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -18,6 +19,9 @@ public:
     /// @throws Error output_exists where `path` exists and `overwrite` is false; run_failed where the folder
     /// is absent or not writable, or `path` is no regular file.
     AtomicFile(const std::string& path, bool overwrite);
+    /// Goes on with the partial file that an interrupted run left, as it is.
+    /// @throws Error input_invalid where there is none; else as above.
+    static AtomicFile take_over(const std::string& path, bool overwrite);
     ~AtomicFile();
     AtomicFile(AtomicFile&& other) noexcept;
     AtomicFile& operator=(AtomicFile&&) = delete;
@@ -25,8 +29,17 @@ public:
     const std::string& path() const { return path_; }       ///< as the user gave it
     const std::string& partial() const { return partial_; } ///< to be written
 
+    int descriptor() const { return lock_; } ///< of the partial file, to read and to write
+
+    std::uint64_t length() const; ///< of the partial file, bytes
+
     /// Appends to the partial file (for text; HDF5 opens it by name).
     void write(std::string_view content);
+    /// Takes room on the disk for the partial file up to `end` bytes, without making it longer; does nothing
+    /// where the file system cannot. @throws Error run_failed where there is not so much.
+    void reserve(std::uint64_t end);
+    /// Brings the partial file's bytes to the disk. @throws Error run_failed
+    void sync() const;
     /// Syncs the partial file, optionally keeps the present one under `keep_previous`, renames, syncs the
     /// folder.
     void commit(const std::string& keep_previous = "");
@@ -36,6 +49,8 @@ public:
     void leave() noexcept;
 
 private:
+    enum class Partial { anew, as_it_is };
+    AtomicFile(const std::string& path, bool overwrite, Partial partial);
     bool rename_to_new() const;
 
     std::string path_, target_, partial_;

@@ -2,9 +2,11 @@
 #pragma once
 #include "io/attributes.hpp"
 #include "io/provenance.hpp"
+#include "io/together.hpp"
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <variant>
 #include <vector>
@@ -21,6 +23,7 @@ struct Column {
     Data data;
     std::size_t width = 1;
     std::string unit; ///< "m s-1"; empty: no dimension
+    Rows rows = {};   ///< what of the column is here; total 0: all of it (on every rank alike)
 
     friend bool operator==(const Column&, const Column&) = default;
 };
@@ -50,10 +53,38 @@ private:
 
 /// Replaces the checkpoint at `path`: temporary name, sync, the old one kept as previous_checkpoint(path),
 /// rename, sync of the folder. At every instant `path` is a whole checkpoint where there was one before.
-/// @throws Error run_failed; the old checkpoint then stays.
-void write_checkpoint(const std::string& path, const CheckpointFile& file);
+/// Collective over `together`: each rank gives its rows of the columns (Column::rows), everything else alike;
+/// the file does not tell how many ranks wrote it.
+/// @throws Error run_failed, on all ranks; the old checkpoint then stays. Several ranks must then end at
+/// once, by _exit: the HDF5 library may not be able to close the file.
+void write_checkpoint(const std::string& path, const CheckpointFile& file, const Together& together = {});
 
-/// @throws Error input_invalid naming file, place and cure.
+/// Reads a checkpoint column by column, whole or a part of the rows: each process by itself.
+/// Everything throws Error input_invalid naming file, place and cure.
+class CheckpointReader {
+public:
+    explicit CheckpointReader(const std::string& path);
+    ~CheckpointReader();
+    CheckpointReader(CheckpointReader&&) noexcept;
+    CheckpointReader& operator=(CheckpointReader&&) noexcept;
+
+    Attributes attributes() const;
+    std::string config() const;
+    Provenance provenance() const;
+    const std::vector<std::string>& names() const; ///< of the columns, in the order they were given
+    bool has(const std::string& name) const;
+    std::uint64_t rows(const std::string& name) const;
+    std::size_t width(const std::string& name) const;
+    Column read(const std::string& name) const;
+    /// Rows [first, first + count); Column::rows tells which of how many.
+    Column read(const std::string& name, std::uint64_t first, std::uint64_t count) const;
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+/// All of it. @throws Error input_invalid naming file, place and cure.
 CheckpointFile read_checkpoint(const std::string& path);
 
 /// `path` with ".prev" behind.

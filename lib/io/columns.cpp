@@ -26,9 +26,28 @@ std::string shape_of(const hdf::Dims& dims) {
     return text.empty() ? "a scalar" : text;
 }
 
+/// The element with only these rows of it.
+Element part_of(Element element, const SomeRows& rows, std::size_t width) {
+    if (!rows)
+        return element;
+    if (rows->first > element.rows || rows->count > element.rows - rows->first)
+        element.dataset.context().fail(
+            element.dataset.path(), fmt::format("has {} rows, {} to {} are needed; write one row a particle",
+                                                element.rows, rows->first, rows->first + rows->count));
+    if (element.offset.empty()) { // all of it
+        element.count = element.dataset.dims();
+        element.offset.assign(element.count.size(), 0);
+    }
+    const std::size_t dimension = element.count.size() - (width > 1 ? 2 : 1);
+    element.offset[dimension] = rows->first;
+    element.count[dimension] = rows->count;
+    element.rows = rows->count;
+    return element;
+}
+
 template <class T>
-std::vector<T> read_column(const hdf::Group& group, const std::string& name) {
-    const Element element = find_element(group, name, 1);
+std::vector<T> read_column(const hdf::Group& group, const std::string& name, const SomeRows& rows) {
+    const Element element = part_of(find_element(group, name, 1), rows, 1);
     std::vector<T> values(element.rows);
     if (element.rows > 0)
         element.dataset.read(values.data(), element.offset, element.count);
@@ -60,44 +79,46 @@ Element find_element(const hdf::Group& group, const std::string& name, std::size
     return element;
 }
 
-std::vector<Vec3> read_vectors(const hdf::Group& group, const std::string& name) {
-    const Element element = find_element(group, name, 3);
+std::vector<Vec3> read_vectors(const hdf::Group& group, const std::string& name, SomeRows rows) {
+    const Element element = part_of(find_element(group, name, 3), rows, 3);
     std::vector<Vec3> values(element.rows);
     if (element.rows > 0)
         element.dataset.read(&values.data()->x, element.offset, element.count);
     return values;
 }
 
-std::vector<double> read_scalars(const hdf::Group& group, const std::string& name) {
-    return read_column<double>(group, name);
+std::vector<double> read_scalars(const hdf::Group& group, const std::string& name, SomeRows rows) {
+    return read_column<double>(group, name, rows);
 }
 
-std::vector<std::int32_t> read_integers(const hdf::Group& group, const std::string& name) {
-    return read_column<std::int32_t>(group, name);
+std::vector<std::int32_t> read_integers(const hdf::Group& group, const std::string& name, SomeRows rows) {
+    return read_column<std::int32_t>(group, name, rows);
 }
 
-std::vector<Species> read_species(const hdf::Group& group) {
-    const std::vector<std::int32_t> numbers = read_integers(group, "species");
+std::vector<Species> read_species(const hdf::Group& group, SomeRows rows) {
+    const std::vector<std::int32_t> numbers = read_integers(group, "species", rows);
+    const std::uint64_t first = rows ? rows->first : 0;
     std::vector<Species> species(numbers.size());
     for (std::size_t i = 0; i < numbers.size(); ++i) {
         if (numbers[i] < 0 || numbers[i] > 2)
             group.context().fail(
                 group.path("species"),
-                fmt::format("row {} is {}; 0 (grain), 1 (fixed) or 2 (membrane) was expected", i,
+                fmt::format("row {} is {}; 0 (grain), 1 (fixed) or 2 (membrane) was expected", first + i,
                             numbers[i]));
         species[i] = static_cast<Species>(numbers[i]);
     }
     return species;
 }
 
-std::vector<std::uint8_t> read_material(const hdf::Group& group) {
-    const std::vector<std::int32_t> numbers = read_integers(group, "material");
+std::vector<std::uint8_t> read_material(const hdf::Group& group, SomeRows rows) {
+    const std::vector<std::int32_t> numbers = read_integers(group, "material", rows);
+    const std::uint64_t first = rows ? rows->first : 0;
     std::vector<std::uint8_t> material(numbers.size());
     for (std::size_t i = 0; i < numbers.size(); ++i) {
         if (numbers[i] < 0 || numbers[i] > 255)
-            group.context().fail(
-                group.path("material"),
-                fmt::format("row {} is {}; the number of a material, 0 to 255, was expected", i, numbers[i]));
+            group.context().fail(group.path("material"),
+                                 fmt::format("row {} is {}; the number of a material, 0 to 255, was expected",
+                                             first + i, numbers[i]));
         material[i] = static_cast<std::uint8_t>(numbers[i]);
     }
     return material;
@@ -172,9 +193,9 @@ void write_vectors(const hdf::Group& group, const std::string& name, const std::
     group.write(name, values.empty() ? nullptr : &values.data()->x, {values.size(), 3}, {.unit = unit});
 }
 
-void write_species(const hdf::Group& group, const std::vector<Species>& species) {
+void write_species(const hdf::Group& group, const std::vector<Species>& species, Rows rows) {
     group.write("species", reinterpret_cast<const std::uint8_t*>(species.data()), {species.size()},
-                {.filter = compressed});
+                {.filter = compressed, .rows = rows});
 }
 
 void write_contacts(const hdf::Group& root, const ContactTable& contacts) {

@@ -27,6 +27,9 @@ TALUS_HDF_TYPE(std::uint8_t, H5T_NATIVE_UINT8, H5T_STD_U8LE)
 
 namespace {
 
+constexpr std::uint64_t header = 8192;     ///< bytes of a new dataset's header and index, at most
+constexpr std::uint64_t index_entry = 128; ///< of a chunk's checksum and its place in the index, at most
+
 /// Whole rows, as many as make up 4 MiB: a reader that wants a part need not undo the filters of everything.
 Dims default_chunk(const Dims& dims, std::size_t value_size) {
     hsize_t row = value_size;
@@ -50,6 +53,16 @@ Dims chunk_of(hid_t dataset) {
     return chunk;
 }
 
+/// Bytes of the chunks that a slab touches, with what the file needs about them, at most.
+std::uint64_t stored_bytes(std::size_t value_size, const Dims& chunk, const Dims& first, const Dims& count) {
+    std::uint64_t bytes = value_size, chunks = 1;
+    for (std::size_t k = 0; k < chunk.size(); ++k) {
+        bytes *= chunk[k];
+        chunks *= count[k] == 0 ? 0 : (first[k] + count[k] - 1) / chunk[k] - first[k] / chunk[k] + 1;
+    }
+    return chunks * (bytes + index_entry);
+}
+
 /// Where each filter stands in the dataset's pipeline; -1: it is not there.
 int filter_position(hid_t creation, H5Z_filter_t wanted) {
     const int count = H5Pget_nfilters(creation);
@@ -61,6 +74,32 @@ int filter_position(hid_t creation, H5Z_filter_t wanted) {
             return k;
     }
     return -1;
+}
+
+/// Calls `visit(offset)` for each chunk that the slab touches, last dimension fastest, while it returns true.
+template <class Visit>
+bool each_chunk(const Dims& chunk, const Dims& first, const Dims& count, Visit visit) {
+    const std::size_t rank = first.size();
+    Dims offset(rank);
+    for (std::size_t k = 0; k < rank; ++k) {
+        if (count[k] == 0)
+            return true;
+        offset[k] = first[k] / chunk[k] * chunk[k];
+    }
+    const Dims start = offset;
+    for (;;) {
+        if (!visit(offset))
+            return false;
+        std::size_t k = rank;
+        for (;;) { // next chunk
+            if (k-- == 0)
+                return true;
+            offset[k] += chunk[k];
+            if (offset[k] < first[k] + count[k])
+                break;
+            offset[k] = start[k];
+        }
+    }
 }
 
 /// The index of the chunks has no checksum of its own (a version 1 B-tree): where damage makes it lose a
@@ -77,15 +116,7 @@ bool chunks_are_sound(hid_t dataset, const Dims& first, const Dims& count) {
     hsize_t bytes = H5Tget_size(type);
     for (const hsize_t c : chunk)
         bytes *= c;
-    const std::size_t rank = first.size();
-    Dims offset(rank);
-    for (std::size_t k = 0; k < rank; ++k) {
-        if (count[k] == 0)
-            return true;
-        offset[k] = first[k] / chunk[k] * chunk[k];
-    }
-    const Dims start = offset;
-    for (;;) {
+    return each_chunk(chunk, first, count, [&](const Dims& offset) {
         unsigned mask = 0;
         haddr_t address = HADDR_UNDEF;
         hsize_t size = 0;
@@ -98,18 +129,8 @@ bool chunks_are_sound(hid_t dataset, const Dims& first, const Dims& count) {
             return false;
         const bool plain =
             filters == (checksum >= 0 ? 1 : 0) || (deflate >= 0 && (mask >> deflate & 1u) != 0);
-        if (plain && size != bytes + (checksum >= 0 ? 4 : 0))
-            return false;
-        std::size_t k = rank;
-        for (;;) { // next chunk, last dimension fastest
-            if (k-- == 0)
-                return true;
-            offset[k] += chunk[k];
-            if (offset[k] < first[k] + count[k])
-                break;
-            offset[k] = start[k];
-        }
-    }
+        return !plain || size == bytes + (checksum >= 0 ? 4 : 0);
+    });
 }
 
 } // namespace
@@ -177,31 +198,85 @@ void Dataset::read_slab(hid_t type, void* out, const Dims& offset, const Dims& c
         context_->fail_hdf(path_, "read");
 }
 
-void Dataset::write_slab(hid_t type, const void* values, const Dims& offset, const Dims& count) const {
-    const Id space = space_of(id_);
-    Id memory_space;
-    if (!offset.empty()) {
-        H5Sselect_hyperslab(space, H5S_SELECT_SET, offset.data(), nullptr, count.data(), nullptr);
-        memory_space = Id(H5Screate_simple(static_cast<int>(count.size()), count.data(), nullptr), H5Sclose);
-    }
-    if (H5Sget_select_npoints(space) > 0 &&
-        H5Dwrite(id_, type, memory_space.valid() ? hid_t(memory_space) : H5S_ALL, space, H5P_DEFAULT,
-                 values) < 0)
-        context_->fail_hdf(path_, "written");
-    context_->check_writes();
+void Dataset::write_whole(hid_t type, const void* values) const {
+    const Dims whole = dims();
+    const Dims start(whole.size(), 0);
+    write_slab(type, values, {start, context_->writers.together.first() ? whole : start}, {start, whole});
 }
 
-void Dataset::append_rows(hid_t type, const void* values, hsize_t rows) const {
+void Dataset::write_slab(hid_t type, const void* values, const Slab& mine, const Slab& all) const {
+    const Id space = space_of(id_);
+    const auto empty = [](const Dims& count) {
+        return std::find(count.begin(), count.end(), hsize_t{0}) != count.end();
+    };
+    if (empty(all.count))
+        return;
+    const Id memory_space(H5Screate_simple(static_cast<int>(mine.count.size()), mine.count.data(), nullptr),
+                          H5Sclose);
+    if (empty(mine.count))
+        H5Sselect_none(space);
+    else
+        H5Sselect_hyperslab(space, H5S_SELECT_SET, mine.offset.data(), nullptr, mine.count.data(), nullptr);
+    const Id transfer(H5Pcreate(H5P_DATASET_XFER), H5Pclose);
+    if (!context_->alone())
+        H5Pset_dxpl_mpio(transfer, H5FD_MPIO_COLLECTIVE);
+    context_->settle(H5Dwrite(id_, type, memory_space, space, transfer, values) >= 0, path_, "written");
+}
+
+void Dataset::append_rows(hid_t type, const void* values, hsize_t rows, const hsize_t* part) const {
     if (rows == 0)
         return;
-    Dims count = dims();
-    Dims offset(count.size(), 0);
-    offset[0] = count[0];
-    count[0] += rows;
-    if (H5Dset_extent(id_, count.data()) < 0)
-        context_->fail_hdf(path_, "extended");
-    count[0] = rows;
-    write_slab(type, values, offset, count);
+    Dims whole = dims();
+    Slab all{Dims(whole.size(), 0), whole};
+    all.offset[0] = whole[0];
+    all.count[0] = rows;
+    whole[0] += rows;
+    if (!context_->alone()) {
+        const Id stored(H5Dget_type(id_), H5Tclose);
+        context_->make_room(stored_bytes(H5Tget_size(stored), chunk_of(id_), all.offset, all.count));
+    }
+    context_->settle(H5Dset_extent(id_, whole.data()) >= 0, path_, "extended");
+    if (!context_->alone())
+        allocate(all);
+    Slab mine = all;
+    if (part) {
+        mine.offset[1] = part[0];
+        mine.count[1] = part[1];
+    } else if (!context_->writers.together.first()) {
+        mine.count[0] = 0;
+    }
+    write_slab(type, values, mine, all);
+}
+
+void Dataset::allocate(const Slab& slab) const {
+    const Dims chunk = chunk_of(id_);
+    const Id stored(H5Dget_type(id_), H5Tclose);
+    std::size_t bytes = H5Tget_size(stored);
+    for (const hsize_t c : chunk)
+        bytes *= c;
+    std::vector<char> zeros; // their checksum is zero, too
+    each_chunk(chunk, slab.offset, slab.count, [&](const Dims& offset) {
+        hsize_t found = 0;
+        if (H5Dget_chunk_storage_size(id_, offset.data(), &found) >= 0 && found > 0)
+            return true; // it fails where there is no chunk at all
+        zeros.resize(bytes + 4);
+        context_->settle(H5Dwrite_chunk(id_, H5P_DEFAULT, 0, offset.data(), zeros.size(), zeros.data()) >= 0,
+                         path_, "extended");
+        return true;
+    });
+}
+
+void Dataset::find_chunks(const Dims& offset, const Dims& count, std::vector<Extent>& extents) const {
+    each_chunk(chunk_of(id_), offset, count, [&](const Dims& chunk) {
+        unsigned mask = 0;
+        haddr_t address = HADDR_UNDEF;
+        hsize_t size = 0;
+        if (H5Dget_chunk_info_by_coord(id_, chunk.data(), &mask, &address, &size) < 0 ||
+            address == HADDR_UNDEF)
+            context_->fail_hdf(path_, "found");
+        extents.push_back({address, size});
+        return true;
+    });
 }
 
 void Dataset::check() const {
@@ -259,6 +334,8 @@ Dataset Group::create(const std::string& name, hid_t stored_type, const Dims& di
         chunk[k] = std::max<hsize_t>(chunk[k], 1);
     }
     H5Pset_chunk(creation, static_cast<int>(chunk.size()), chunk.data());
+    // Several ranks: HDF5 makes and fills all chunks at once.
+    context_->make_room(header + stored_bytes(H5Tget_size(stored_type), chunk, Dims(dims.size(), 0), dims));
     // What a chunk holds beyond the data's end is zero, not whatever memory held.
     const double zero = 0;
     if (H5Tget_class(stored_type) != H5T_STRING)
@@ -278,8 +355,7 @@ Dataset Group::create(const std::string& name, hid_t stored_type, const Dims& di
     Dataset dataset(
         context_, path(name),
         Id(H5Dcreate2(id_, name.c_str(), stored_type, space, H5P_DEFAULT, creation, H5P_DEFAULT), H5Dclose));
-    if (dataset.id() < 0)
-        context_->fail_hdf(path(name), "created");
+    context_->settle(dataset.id() >= 0, path(name), "created");
     if (!layout.unit.empty())
         dataset.set("unit", std::string(layout.unit));
     return dataset;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "io/hdf_file.hpp"
 
+#include "io/atomic_file.hpp"
+
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -50,9 +52,11 @@ std::string size_of(const std::string& path) {
     return ignored ? "" : fmt::format(" after {} bytes", size);
 }
 
+constexpr std::uint64_t room_for_metadata = 64 * 1024; ///< bytes, beside what is expected
+
 /// Bounds, no caching surprises: metadata leaves memory at a flush only, so that what a killed process leaves
-/// is the state of its last flush. A parallel writer will set the MPI driver here.
-Id access_for_writing(WriteRecord& record) {
+/// is the state of its last flush.
+Id access_for_writing(Context& context) {
     Id access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
     H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V110);
     H5Pset_fclose_degree(access, H5F_CLOSE_STRONG);
@@ -63,8 +67,16 @@ Id access_for_writing(WriteRecord& record) {
     cache.incr_mode = H5C_incr__off;
     cache.flash_incr_mode = H5C_flash_incr__off;
     cache.decr_mode = H5C_decr__off;
+    if (!context.alone()) {
+        cache.dirty_bytes_threshold = 32 * 1024 * 1024; // the most that HDF5 takes
+        cache.metadata_write_strategy = H5AC_METADATA_WRITE_STRATEGY__PROCESS_0_ONLY;
+    }
     H5Pset_mdc_config(access, &cache);
-    use_recording_driver(access, record);
+    if (context.alone())
+        use_recording_driver(access, context.record);
+    else
+        H5Pset_fapl_mpio(access, *static_cast<const MPI_Comm*>(context.writers.together.communicator),
+                         MPI_INFO_NULL);
     return access;
 }
 
@@ -93,26 +105,80 @@ void Context::check_writes() const {
                              record.error));
 }
 
-File File::create(const std::string& path, const std::string& name) {
+void Context::settle(bool good, const std::string& place, const std::string& doing) const {
+    if (alone()) {
+        if (!good)
+            fail_hdf(place, doing);
+        return check_writes();
+    }
+    try {
+        all_or_none(writers.together, [&] {
+            if (!good)
+                fail_hdf(place, doing);
+        });
+    } catch (const Error&) {
+        Id::leave_open();
+        throw;
+    }
+}
+
+void Context::make_room(std::uint64_t bytes) const {
+    if (alone())
+        return;
+    expect(bytes);
+    all_or_none(writers.together, [&] {
+        if (writers.output)
+            writers.output->reserve(flushed + unflushed + room_for_metadata);
+    });
+}
+
+void Context::note_flush() const {
+    unflushed = 0;
+    if (writers.output)
+        flushed = writers.output->length();
+}
+
+File::~File() {
+    if (context_ && !context_->alone())
+        (void)id_.release();
+}
+
+File File::begin(const std::string& name, bool writing) {
     silence();
     File file;
     file.context_ = std::make_unique<Context>();
     file.context_->name = name;
-    file.context_->writing = true;
-    const Id access = access_for_writing(file.context_->record);
-    const Id creation(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
-    H5Pset_obj_track_times(creation, false);
-    file.id_ = Id(H5Fcreate(path.c_str(), H5F_ACC_TRUNC, creation, access), H5Fclose);
-    if (!file.id_.valid())
-        file.context_->fail_hdf("", "created");
+    file.context_->writing = writing;
     return file;
 }
 
+File File::create(const std::string& path, const std::string& name, const Writers& writers) {
+    File file = begin(name, true);
+    file.context_->writers = writers;
+    const Id access = access_for_writing(*file.context_);
+    const Id creation(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
+    H5Pset_obj_track_times(creation, false);
+    file.id_ = Id(H5Fcreate(path.c_str(), H5F_ACC_TRUNC, creation, access), H5Fclose);
+    file.context_->settle(file.id_.valid(), "", "created");
+    return file;
+}
+
+File File::modify(const std::string& path, const Writers& writers) {
+    File file = begin(path, false);
+    file.context_->writers = writers;
+    file.id_ = Id(H5Fopen(path.c_str(), H5F_ACC_RDWR, access_for_writing(*file.context_)), H5Fclose);
+    file.context_->settle(file.id_.valid(), "", "opened");
+    file.context_->note_flush();
+    return file;
+}
+
+void File::now_written(const std::string& name) {
+    context_->name = name;
+    context_->writing = true;
+}
+
 File File::open(const std::string& path) {
-    silence();
-    File file;
-    file.context_ = std::make_unique<Context>();
-    file.context_->name = path;
+    File file = begin(path, false);
     const Context& context = *file.context_;
     std::error_code error;
     const auto status = std::filesystem::status(path, error);
@@ -147,14 +213,14 @@ Group File::root() const {
 }
 
 void File::flush() const {
-    if (H5Fflush(id_, H5F_SCOPE_LOCAL) < 0)
-        context_->fail_hdf("", "flushed");
-    context_->check_writes();
+    context_->make_room(0);
+    context_->settle(H5Fflush(id_, H5F_SCOPE_LOCAL) >= 0, "", "flushed");
+    context_->note_flush();
 }
 
 void File::close() {
-    id_.reset();
-    context_->check_writes();
+    context_->make_room(0);
+    context_->settle(H5Fclose(id_.release()) >= 0, "", "closed");
 }
 
 } // namespace talus::io::hdf

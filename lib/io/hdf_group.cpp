@@ -146,30 +146,23 @@ Group Group::create_group(const std::string& name) const {
 void Group::write_text(const std::string& name, const std::string& text) const {
     const Id type = string_type({text});
     if (text.size() > object_header_limit) {
-        const Dataset dataset = create(name, type, {1}, {});
-        if (H5Dwrite(dataset.id(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, text.data()) < 0)
-            context_->fail_hdf(path(name), "written");
-        context_->check_writes();
-        return;
+        return create(name, type, {1}, {}).write_text(type, text.data());
     }
+    context_->expect(text.size());
     const Id creation(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
     H5Pset_obj_track_times(creation, false);
     H5Pset_layout(creation, H5D_COMPACT);
     const Id space(H5Screate(H5S_SCALAR), H5Sclose);
     const Id id(H5Dcreate2(id_, name.c_str(), type, space, H5P_DEFAULT, creation, H5P_DEFAULT), H5Dclose);
-    if (!id.valid() ||
-        H5Dwrite(id, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, packed({text}, H5Tget_size(type)).data()) < 0)
-        context_->fail_hdf(path(name), "written");
-    context_->check_writes();
+    context_->settle(id.valid() && H5Dwrite(id, type, H5S_ALL, H5S_ALL, H5P_DEFAULT,
+                                            packed({text}, H5Tget_size(type)).data()) >= 0,
+                     path(name), "written");
 }
 
 void Group::write_texts(const std::string& name, const std::vector<std::string>& texts) const {
     const Id type = string_type(texts);
-    const Dataset dataset = create(name, type, {texts.size()}, {.filter = Filter::compressed});
-    if (!texts.empty() && H5Dwrite(dataset.id(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT,
-                                   packed(texts, H5Tget_size(type)).data()) < 0)
-        context_->fail_hdf(path(name), "written");
-    context_->check_writes();
+    create(name, type, {texts.size()}, {.filter = Filter::compressed})
+        .write_text(type, packed(texts, H5Tget_size(type)).data());
 }
 
 std::vector<std::string> Group::read_texts(const std::string& name) const {
@@ -193,6 +186,11 @@ std::string Group::read_text(const std::string& name) const {
 void Group::link(const std::string& name, const Group& from, const std::string& target) const {
     if (H5Lcreate_hard(from.id(), target.c_str(), id_, name.c_str(), H5P_DEFAULT, H5P_DEFAULT) < 0)
         context_->fail_hdf(path(name), "linked");
+}
+
+void Group::unlink(const std::string& name) const {
+    if (H5Ldelete(id_, name.c_str(), H5P_DEFAULT) < 0)
+        context_->fail_hdf(path(name), "replaced");
 }
 
 // ---- attributes

@@ -7,6 +7,9 @@
 #include "io/validate.hpp"
 #include "io/xdmf.hpp"
 
+#include <tuple>
+#include <utility>
+
 namespace talus::io {
 namespace {
 
@@ -75,32 +78,51 @@ void fill_overlaps(Grains& grains) {
     }
 }
 
-Grains read_explicit(const hdf::File& from) {
+/// First and end of a part of n rows.
+std::pair<std::uint64_t, std::uint64_t> rows_of(const Part& part, std::uint64_t n) {
+    const auto rank = static_cast<std::uint64_t>(part.rank), size = static_cast<std::uint64_t>(part.size);
+    const auto start = [&](std::uint64_t r) { return n / size * r + n % size * r / size; }; // r n / size
+    return {start(rank), start(rank + 1)};
+}
+
+Grains read_explicit(const hdf::File& from, const Part& part, std::uint64_t& total, std::uint64_t& first) {
     const hdf::Group root = from.root();
     const hdf::Group particles = root.group("particles/all");
+    total = find_element(particles, "position", 3).rows;
+    std::uint64_t end = 0;
+    std::tie(first, end) = rows_of(part, total);
+    const RowRange rows{first, end - first};
+    const auto has = [&](const char* name, std::size_t width = 1) {
+        if (!particles.has(name))
+            return false;
+        check_length(from.context(), particles.path(name), find_element(particles, name, width).rows, total);
+        return true;
+    };
     Grains grains;
-    grains.position = read_vectors(particles, "position");
+    grains.position = read_vectors(particles, "position", rows);
     grains.origin = read_origin(particles);
     grains.coordinate_system = hdf::attribute_text(particles, "position", "coordinate_system").value_or("");
-    grains.radius = read_scalars(particles, "radius");
-    check_length(from.context(), "/particles/all/radius", grains.radius.size(), grains.size());
-    if (particles.has("mass"))
-        grains.mass = read_scalars(particles, "mass");
-    if (particles.has("velocity"))
-        grains.velocity = read_vectors(particles, "velocity");
-    if (particles.has("angular_velocity"))
-        grains.angular_velocity = read_vectors(particles, "angular_velocity");
-    if (particles.has("species"))
-        grains.species = read_species(particles);
-    if (particles.has("release"))
-        for (const std::int32_t mark : read_integers(particles, "release"))
+    has("radius");
+    grains.radius = read_scalars(particles, "radius", rows);
+    if (has("mass"))
+        grains.mass = read_scalars(particles, "mass", rows);
+    if (has("velocity", 3))
+        grains.velocity = read_vectors(particles, "velocity", rows);
+    if (has("angular_velocity", 3))
+        grains.angular_velocity = read_vectors(particles, "angular_velocity", rows);
+    if (has("species"))
+        grains.species = read_species(particles, rows);
+    if (has("release"))
+        for (const std::int32_t mark : read_integers(particles, "release", rows))
             grains.release.push_back(mark != 0);
-    if (particles.has("material"))
-        grains.material = read_material(particles);
+    if (has("material"))
+        grains.material = read_material(particles, rows);
     grains.box = read_box(particles);
-    grains.contacts = read_contacts(root);
-    fill_overlaps(grains);
-    check_grains(from.context(), grains);
+    if (part.size == 1) {
+        grains.contacts = read_contacts(root);
+        fill_overlaps(grains);
+    }
+    check_grains(from.context(), grains, {first, total});
     return grains;
 }
 
@@ -119,13 +141,15 @@ void write_model(const std::string& path, const ModelFile& file, bool overwrite)
     sidecar.commit();
 }
 
-ModelFile read_model(const std::string& path) {
+ModelFile read_model(const std::string& path, Part part) {
     const hdf::File from = open_file(path, FileKind::model);
     ModelFile file;
-    if (from.root().is_group("granular/tiling"))
+    if (from.root().is_group("granular/tiling")) {
         file.model = read_tiled(from);
-    else
-        file.model = read_explicit(from);
+        file.total = std::get<TiledModel>(file.model).size();
+    } else {
+        file.model = read_explicit(from, part, file.total, file.first);
+    }
     file.provenance = read_provenance(from);
     file.config = read_config(from);
     return file;

@@ -64,6 +64,25 @@ void require_complete(const hdf::File& file, const FileInfo& info) {
                             "again (it resumes from its checkpoint where there is one)");
 }
 
+void require_kind(const hdf::File& file, const FileInfo& info, FileKind kind) {
+    if (info.kind != kind)
+        file.context().fail("/granular", fmt::format("kind is \"{}\", but a {} is needed here; {}",
+                                                     to_string(info.kind), to_string(kind), maker_of(kind)));
+}
+
+void write_provenance(const hdf::Group& granular, const Provenance& provenance) {
+    for (std::size_t n = 0; n < provenance.size(); ++n) {
+        const ProvenanceRecord& record = provenance[n];
+        const hdf::Group group = granular.create_group(fmt::format("provenance/{:04}", n));
+        group.set("program", record.program);
+        group.set("version", record.version);
+        group.write("seed", &record.seed, {1});
+        group.write_text("command_line", record.command_line);
+        group.write_text("config", record.config);
+        group.write_texts("inputs", record.inputs);
+    }
+}
+
 void check_group(const hdf::Group& group) {
     for (const std::string& name : group.names()) {
         const std::string path = group.path(name);
@@ -103,17 +122,21 @@ void check_all(const std::string& path) {
 hdf::File open_file(const std::string& path, FileKind kind, bool incomplete) {
     hdf::File file = hdf::File::open(path);
     const FileInfo info = info_of(file);
-    if (info.kind != kind)
-        file.context().fail("/granular", fmt::format("kind is \"{}\", but a {} is needed here; {}",
-                                                     to_string(info.kind), to_string(kind), maker_of(kind)));
+    require_kind(file, info, kind);
     if (!incomplete)
         require_complete(file, info);
     return file;
 }
 
+hdf::File modify_file(const std::string& partial, FileKind kind, const hdf::Writers& writers) {
+    hdf::File file = hdf::File::modify(partial, writers);
+    require_kind(file, info_of(file), kind);
+    return file;
+}
+
 hdf::File create_file(const std::string& partial, const std::string& name, FileKind kind,
-                      const Provenance& provenance, const std::string& config) {
-    hdf::File file = hdf::File::create(partial, name);
+                      const Provenance& provenance, const std::string& config, const hdf::Writers& writers) {
+    hdf::File file = hdf::File::create(partial, name, writers);
     const hdf::Group root = file.root();
     const std::int64_t h5md_version[] = {1, 1}, module_version[] = {1, 0};
 
@@ -132,18 +155,18 @@ hdf::File create_file(const std::string& partial, const std::string& name, FileK
     const hdf::Group granular = root.create_group("granular");
     granular.set("kind", to_string(kind));
     granular.set("complete", std::int64_t{0});
-    for (std::size_t n = 0; n < provenance.size(); ++n) {
-        const ProvenanceRecord& record = provenance[n];
-        const hdf::Group group = granular.create_group(fmt::format("provenance/{:04}", n));
-        group.set("program", record.program);
-        group.set("version", record.version);
-        group.write("seed", &record.seed, {1});
-        group.write_text("command_line", record.command_line);
-        group.write_text("config", record.config);
-        group.write_texts("inputs", record.inputs);
-    }
+    write_provenance(granular, provenance);
     root.create_group("parameters").write_text("config", config);
     return file;
+}
+
+void replace_origin(const hdf::File& file, const Provenance& provenance, const std::string& config) {
+    const hdf::Group granular = file.root().group("granular"), parameters = file.root().group("parameters");
+    if (granular.has("provenance"))
+        granular.unlink("provenance");
+    write_provenance(granular, provenance);
+    parameters.unlink("config");
+    parameters.write_text("config", config);
 }
 
 void complete_and_close(hdf::File& file) {

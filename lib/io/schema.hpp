@@ -16,8 +16,14 @@
 namespace talus::io {
 
 /// Creates `partial` with /h5md, /granular (kind, complete = 0, provenance) and /parameters/config.
+/// Collective.
 hdf::File create_file(const std::string& partial, const std::string& name, FileKind kind,
-                      const Provenance& provenance, const std::string& config);
+                      const Provenance& provenance, const std::string& config,
+                      const hdf::Writers& writers = {});
+/// Puts these in the place of what the file has. Collective.
+void replace_origin(const hdf::File& file, const Provenance& provenance, const std::string& config);
+/// As open_file(), to read and to write, complete or not. Collective.
+hdf::File modify_file(const std::string& partial, FileKind kind, const hdf::Writers& writers);
 
 /// complete = 1 behind everything else, then closes. @throws Error run_failed where anything was not written.
 void complete_and_close(hdf::File& file);
@@ -31,7 +37,7 @@ std::string read_config(const hdf::File& file);
 // Columns of particles. "unit" is written; on reading, SI is taken for granted.
 void write_vectors(const hdf::Group& group, const std::string& name, const std::vector<Vec3>& values,
                    std::string_view unit);
-void write_species(const hdf::Group& group, const std::vector<Species>& species);
+void write_species(const hdf::Group& group, const std::vector<Species>& species, Rows rows = {});
 void write_contacts(const hdf::Group& root, const ContactTable& contacts);
 /// H5MD's box: the boundary's kind, `edges` (m), and both corners, which H5MD does not know.
 void write_box(const hdf::Group& particles, const Box& box);
@@ -54,11 +60,17 @@ struct Element {
 };
 Element find_element(const hdf::Group& group, const std::string& name, std::size_t width);
 
-std::vector<Vec3> read_vectors(const hdf::Group& group, const std::string& name);
-std::vector<double> read_scalars(const hdf::Group& group, const std::string& name);
-std::vector<std::int32_t> read_integers(const hdf::Group& group, const std::string& name);
-std::vector<Species> read_species(const hdf::Group& group);
-std::vector<std::uint8_t> read_material(const hdf::Group& group);
+/// Rows [first, first + count) of a column.
+struct RowRange {
+    std::uint64_t first = 0, count = 0;
+};
+using SomeRows = std::optional<RowRange>; ///< absent: all
+
+std::vector<Vec3> read_vectors(const hdf::Group& group, const std::string& name, SomeRows rows = {});
+std::vector<double> read_scalars(const hdf::Group& group, const std::string& name, SomeRows rows = {});
+std::vector<std::int32_t> read_integers(const hdf::Group& group, const std::string& name, SomeRows rows = {});
+std::vector<Species> read_species(const hdf::Group& group, SomeRows rows = {});
+std::vector<std::uint8_t> read_material(const hdf::Group& group, SomeRows rows = {});
 /// Columns that are absent: image zero; the overlap stays empty where it is absent.
 ContactTable read_contacts(const hdf::Group& root);
 std::optional<Box> read_box(const hdf::Group& particles);

@@ -2,6 +2,8 @@
 #pragma once
 #include "base/vec3.hpp"
 #include "io/provenance.hpp"
+#include "io/together.hpp"
+#include "io/trajectory_image.hpp"
 #include "particles/box.hpp"
 #include "particles/grains.hpp"
 
@@ -50,14 +52,31 @@ struct BondBreakage {
 };
 
 /// Writes `*.traj.h5` frame by frame under the temporary name partial_path(path); a killed run leaves all
-/// frames before the last call of frame() readable there. Without finish() the destructor removes the file.
-/// Every call throws Error run_failed where writing fails; the file is then removed, too.
-/// Not for use by two threads at once (HDF5 is not).
+/// frames before the last call of frame() readable there. Without finish() the destructor removes the file,
+/// and so does a failure; but not once an image() was taken, for a resumed run goes on with it. Every call
+/// throws Error run_failed where writing fails. Not for use by two threads at once (HDF5 is not).
+///
+/// Several ranks write one file together: every call is then collective, statics and fields of frames hold
+/// the rank's rows, everything else is the same on all ranks. An Error is thrown on all of them; they must
+/// then end at once, by _exit: the HDF5 library may not be able to close the file, and waits for that at a
+/// regular end.
 class TrajectoryWriter {
 public:
+    /// @param rows which particles `statics` and the frames hold; total 0: all
     /// @throws Error output_exists where `path` exists and `overwrite` is false.
     TrajectoryWriter(const std::string& path, TrajectoryStatic statics, const Provenance& provenance,
-                     const std::string& config, bool overwrite);
+                     const std::string& config, bool overwrite, const Together& together = {},
+                     Rows rows = {});
+    /// Goes on with what an interrupted run left under partial_path(path), from where `image` was taken; what
+    /// came after is dropped. The number of ranks may be another. Fields and series columns are those that
+    /// the file has, given in any order.
+    /// @throws Error input_invalid where that file is missing, shorter than the image tells or another run's,
+    /// or where `statics` do not fit; later where the fields of a frame or the columns of the series do not.
+    /// The file is left where it is.
+    static TrajectoryWriter resume(const std::string& path, const TrajectoryImage& image,
+                                   TrajectoryStatic statics, const Provenance& provenance,
+                                   const std::string& config, bool overwrite, const Together& together = {},
+                                   Rows rows = {});
     ~TrajectoryWriter();
     TrajectoryWriter(TrajectoryWriter&&) noexcept;
     TrajectoryWriter& operator=(TrajectoryWriter&&) = delete;
@@ -66,25 +85,30 @@ public:
 
     /// Appends one frame and flushes. The first call fixes the fields; "position" (m, relative to the origin)
     /// is one of them, "velocity" (m s-1), "angular_velocity" (rad s-1), "force" (N) may be. Row i = particle
-    /// i.
+    /// i (of this rank).
     void frame(std::int64_t step, double time, const std::vector<Field>& fields);
 
     /// Appends a row to /granular/series/<name>; names may contain '/'. The first call fixes the columns;
     /// "step" and "time" are two of them. Rows reach the file with the next frame or every 1024 rows.
     void series(const std::vector<std::pair<std::string, double>>& row);
 
+    /// Rank 0's are written.
     void bond_breakages(std::span<const BondBreakage> breakages);
     void stage(const StageMark& mark);
 
     /// Brings everything written so far to the file.
     void flush();
-    /// Ends writing but leaves the incomplete file under partial_path(path), for a resumed run to copy from.
+    /// Flushes, brings everything to the disk and tells what resume() needs to come back to here: for the
+    /// checkpoint. The same on all ranks.
+    TrajectoryImage image();
+    /// Ends writing but leaves the incomplete file under partial_path(path), for a resumed run to go on with.
     void suspend();
     /// Marks the file complete, writes the XDMF sidecar, syncs and renames to the final name.
     void finish();
 
 private:
     struct State;
+    explicit TrajectoryWriter(std::unique_ptr<State> state);
     std::unique_ptr<State> state_;
 };
 

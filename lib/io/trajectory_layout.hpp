@@ -21,6 +21,9 @@ constexpr std::size_t chunk_particles(std::size_t particles_in_frame) {
     return std::min<std::size_t>(std::max<std::size_t>(particles_in_frame, 1), 40'000'000);
 }
 
+/// The same where several ranks write: small enough that each has chunks to check and to write.
+constexpr std::size_t shared_chunk_particles = 1 << 18;
+
 /// The unit of a vector field; empty: unknown.
 constexpr std::string_view field_unit(std::string_view field) {
     if (field == "position" || field == "displacement")

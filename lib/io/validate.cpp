@@ -7,21 +7,23 @@
 
 namespace talus::io {
 
-void check_finite(const hdf::Context& context, const std::string& place, std::span<const Vec3> values) {
+void check_finite(const hdf::Context& context, const std::string& place, std::span<const Vec3> values,
+                  std::uint64_t first) {
     for (std::size_t i = 0; i < values.size(); ++i)
         if (!is_finite(values[i]))
             context.fail(place,
-                         fmt::format("row {} is ({}, {}, {}), not finite; correct or remove that particle", i,
-                                     values[i].x, values[i].y, values[i].z));
+                         fmt::format("row {} is ({}, {}, {}), not finite; correct or remove that particle",
+                                     first + i, values[i].x, values[i].y, values[i].z));
 }
 
-void check_positive(const hdf::Context& context, const std::string& place, std::span<const double> values) {
+void check_positive(const hdf::Context& context, const std::string& place, std::span<const double> values,
+                    std::uint64_t first) {
     for (std::size_t i = 0; i < values.size(); ++i)
         if (!(values[i] > 0) || !std::isfinite(values[i]))
             context.fail(
                 place, fmt::format("row {} is {}; a finite number above 0 is needed, correct or remove that "
                                    "particle",
-                                   i, values[i]));
+                                   first + i, values[i]));
 }
 
 void check_length(const hdf::Context& context, const std::string& place, std::size_t length,
@@ -76,25 +78,26 @@ void check_pgbox(const hdf::Context& context, const std::string& group, const Pg
                    box.contacts, box.size());
 }
 
-void check_grains(const hdf::Context& context, const Grains& grains) {
+void check_grains(const hdf::Context& context, const Grains& grains, Rows rows) {
     const std::string group = "/particles/all/";
     const std::size_t n = grains.size();
-    if (n == 0)
+    const std::uint64_t first = rows.first;
+    if (n == 0 && rows.total == 0)
         context.fail(group + "position", "holds no particle; a model needs at least one");
     if (!is_finite(grains.origin))
         context.fail(group + "position", "the origin is not finite; give three numbers in m");
-    check_finite(context, group + "position", grains.position);
+    check_finite(context, group + "position", grains.position, first);
     check_length(context, group + "radius", grains.radius.size(), n);
-    check_positive(context, group + "radius", grains.radius);
+    check_positive(context, group + "radius", grains.radius, first);
     if (!grains.mass.empty()) {
         check_length(context, group + "mass", grains.mass.size(), n);
-        check_positive(context, group + "mass", grains.mass);
+        check_positive(context, group + "mass", grains.mass, first);
     }
     for (const auto& [name, column] :
          {std::pair{"velocity", &grains.velocity}, std::pair{"angular_velocity", &grains.angular_velocity}})
         if (!column->empty()) {
             check_length(context, group + name, column->size(), n);
-            check_finite(context, group + name, *column);
+            check_finite(context, group + name, *column, first);
         }
     if (!grains.species.empty())
         check_length(context, group + "species", grains.species.size(), n);

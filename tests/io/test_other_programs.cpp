@@ -239,5 +239,82 @@ assert [v['velocity'][7, 1] for _, v, _ in frames] == [-0.25 * f for f in range(
 )");
 }
 
+/// Rows in messages are those of the whole model, whichever part is read.
+TEST_F(OtherPrograms, parts_of_a_model) {
+    const std::string ten = R"(
+f = h5py.File(at + 'm.h5', 'w')
+f.create_group('granular').attrs.update({'kind': 'model', 'complete': 1})
+p = f.create_group('particles/all')
+p['position/value'] = np.arange(60.).reshape(2, 10, 3); p['position/step'] = [0, 1]; p['position/time'] = [0., 1.]
+p['radius'] = np.arange(1., 11.)
+p['material'] = np.arange(10)
+)";
+    python(ten);
+    const ModelFile file = read_model(path("m.h5"), {2, 4});
+    const Grains& part = std::get<Grains>(file.model);
+    EXPECT_EQ(file.first, 5u);
+    EXPECT_EQ(file.total, 10u);
+    EXPECT_EQ(part.position, (std::vector<Vec3>{{45, 46, 47}, {48, 49, 50}}));
+    EXPECT_EQ(part.radius, (std::vector<double>{6, 7}));
+    EXPECT_EQ(part.material, (std::vector<std::uint8_t>{5, 6}));
+    const auto refused = [&](const std::string& change, const std::string& place, const std::string& what) {
+        python(ten + change);
+        expect_error(ExitCode::input_invalid, {"m.h5", place, what}, [&] {
+            read_model(path("m.h5"), {2, 4});
+        });
+    };
+    refused("p['radius'][6] = -1", "/particles/all/radius", "row 6 is -1");
+    refused("p['position/value'][1, 5, 1] = np.inf", "/particles/all/position", "row 5 is");
+    refused("p['material'][6] = 256", "/particles/all/material", "row 6 is 256");
+    refused("p['species'] = np.array([0, 0, 0, 0, 0, 3, 0, 0, 0, 0])", "/particles/all/species",
+            "row 5 is 3");
+    refused("p['mass'] = np.ones(9)", "/particles/all/mass", "has 9 rows, position has 10");
+    python(ten + "p['radius'][1] = -1"); // somebody else's
+    EXPECT_EQ(std::get<Grains>(read_model(path("m.h5"), {2, 4}).model).size(), 2u);
+}
+
+/// A resumed trajectory has every dataset and attribute of one that was not interrupted, bit by bit.
+TEST_F(OtherPrograms, resumed_trajectory) {
+    const auto run = [&](const std::string& name, bool interrupted) {
+        TrajectoryWriter writer(name, sample_statics(), sample_provenance(), "{}", false);
+        write_frames(writer, 30, 3);
+        if (interrupted) {
+            const TrajectoryImage image = writer.image();
+            write_frames(writer, 30, 5);
+            writer.suspend();
+            TrajectoryWriter again =
+                TrajectoryWriter::resume(name, image, sample_statics(), sample_provenance(), "{}", false);
+            write_frames(again, 30, 4);
+            again.finish();
+            return;
+        }
+        write_frames(writer, 30, 4);
+        writer.finish();
+    };
+    run(path("a.h5"), false);
+    run(path("b.h5"), true);
+    python(R"(
+def everything(name):
+    found = {}
+    def add(path, item):
+        found[path] = (item[()].tobytes(), item.dtype, item.shape) if isinstance(item, h5py.Dataset) else None
+        for key, value in item.attrs.items():
+            found[path, key] = (np.asarray(value).tobytes(), np.asarray(value).dtype)
+        return None
+    with h5py.File(at + name, 'r') as f:
+        def walk(group, path):
+            for key, item in group.items():
+                add(path + key, item)
+                if isinstance(item, h5py.Group):
+                    walk(item, path + key + '/')
+        walk(f, '/')
+    return found
+a, b = everything('a.h5'), everything('b.h5')
+assert a.keys() == b.keys(), a.keys() ^ b.keys()
+assert [k for k in a if a[k] != b[k]] == []
+assert len(a) > 100
+)");
+}
+
 } // namespace
 } // namespace talus::io::test

@@ -8,30 +8,38 @@
 #include "cli/units.hpp"
 #include "dem_run/checkpoint.hpp"
 #include "dem_run/recorder.hpp"
-#include "dem_run/resumed_trajectory.hpp"
 #include "dem_run/scene_settings.hpp"
 #include "engine/run.hpp"
+#include "io/atomic_file.hpp"
 #include "io/checkpoint_file.hpp"
 #include "io/model_file.hpp"
 #include "io/quick_check.hpp"
+#include "io/trajectory_file.hpp"
+#include "parallel/communicator.hpp"
 #include "tiling/expand.hpp"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
 #include <filesystem>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <sys/resource.h>
+#include <thread>
 
 using namespace talus;
 
 namespace {
 
-/// What the run starts from: particles, the chain of programs before, and where a checkpoint left off.
+/// What the run starts from: this rank's block of the particles, the chain of programs before, and where a
+/// checkpoint left off.
 struct Start {
     Grains grains;
     io::Provenance provenance;
     std::optional<engine::SavedState> state;
     engine::RunPosition position;
+    std::uint64_t first = 0; ///< number of the block's first particle
+    std::optional<io::TrajectoryImage> trajectory;
 };
 
 std::string checkpoint_path(std::string output, const std::string& given) {
@@ -43,27 +51,72 @@ std::string checkpoint_path(std::string output, const std::string& given) {
     return output + ".ckpt.h5";
 }
 
-Start from_checkpoint(const io::CheckpointFile& file) {
-    return {dem_run::unpack_grains(file), file.provenance, dem_run::unpack_state(file),
-            dem_run::unpack_position(file)};
+io::Together together(const parallel::Communicator& world) {
+    io::Together ranks{world.rank(), world.size(), world.handle()};
+    if (world.alone())
+        return ranks;
+    ranks.broadcast = [&world](void* data, std::size_t bytes) { world.broadcast(data, bytes); };
+    ranks.agree = [&world](const std::string& words) { return world.first_words(words); };
+    return ranks;
 }
 
-Start from_model(const std::string& path, ThreadTeam& team) {
-    io::ModelFile file = io::read_model(path);
+/// This rank's block of a model: of a tiled one the particles of some tiles, which only this rank expands.
+Start from_model(const std::string& path, ThreadTeam& team, const parallel::Communicator& world) {
+    io::ModelFile file = io::read_model(path, {world.rank(), world.size()});
     Start start;
     start.provenance = std::move(file.provenance);
-    start.grains = file.tiled() ? tiling::Expander(std::get<TiledModel>(file.model))
-                                      .tiles(0, std::get<TiledModel>(file.model).tiles.size(),
-                                             tiling::ContactsWanted::none, team)
-                                : std::move(std::get<Grains>(file.model));
+    if (!file.tiled()) {
+        start.grains = std::move(std::get<Grains>(file.model));
+        start.first = file.first;
+        return start;
+    }
+    const auto& model = std::get<TiledModel>(file.model);
+    const auto first_tile = [&](int rank) {
+        const std::uint64_t particle =
+            model.size() * static_cast<std::uint64_t>(rank) / static_cast<std::uint64_t>(world.size());
+        return static_cast<std::size_t>(std::partition_point(model.tiles.begin(), model.tiles.end(),
+                                                             [&](const TiledModel::Tile& tile) {
+                                                                 return tile.first_particle < particle;
+                                                             }) -
+                                        model.tiles.begin());
+    };
+    const std::size_t begin = world.rank() == 0 ? 0 : first_tile(world.rank()),
+                      end = world.rank() + 1 == world.size() ? model.tiles.size()
+                                                             : first_tile(world.rank() + 1);
+    start.grains = tiling::Expander(model).tiles(begin, end, tiling::ContactsWanted::none, team);
+    start.first = begin < model.tiles.size() ? model.tiles[begin].first_particle : model.size();
+    return start;
+}
+
+/// @param like where there is one, the block has the particles of this start
+Start from_checkpoint(const io::CheckpointReader& file, const Start* like,
+                      const parallel::Communicator& world) {
+    Start start;
+    std::uint64_t count = 0;
+    if (like != nullptr) {
+        start.first = like->first;
+        count = like->grains.size();
+    } else {
+        const std::uint64_t total = dem_run::particle_count(file),
+                            ranks = static_cast<std::uint64_t>(world.size()),
+                            rank = static_cast<std::uint64_t>(world.rank());
+        start.first = total * rank / ranks;
+        count = total * (rank + 1) / ranks - start.first;
+    }
+    start.grains = dem_run::unpack_grains(file, start.first, count);
+    start.provenance = file.provenance();
+    start.state = dem_run::unpack_state(file, start.first, count, world);
+    start.position = dem_run::unpack_position(file);
+    start.trajectory = io::trajectory_image(file);
     return start;
 }
 
 /// The engine does not know files: what it finds wrong with the particles gets the input's name here.
 std::unique_ptr<engine::Simulation> make_simulation(const engine::Scene& scene, const Grains& grains,
-                                                    ThreadTeam& team, const std::string& input) {
+                                                    ThreadTeam& team, const std::string& input,
+                                                    const parallel::Communicator& world) {
     try {
-        return std::make_unique<engine::Simulation>(scene, grains, team);
+        return std::make_unique<engine::Simulation>(scene, grains, team, world);
     } catch (const Error& error) {
         if (error.code() == ExitCode::input_invalid)
             throw Error(error.code(), input + ": " + error.what());
@@ -71,17 +124,19 @@ std::unique_ptr<engine::Simulation> make_simulation(const engine::Scene& scene, 
     }
 }
 
-double peak_memory() {
+/// Of all ranks together, bytes.
+double peak_memory(const parallel::Communicator& world) {
     rusage usage{};
     getrusage(RUSAGE_SELF, &usage);
-    return static_cast<double>(usage.ru_maxrss) * 1024;
+    return static_cast<double>(world.sum(static_cast<std::uint64_t>(usage.ru_maxrss)) * 1024);
 }
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-nlohmann::json common_result(const engine::Simulation& s, int threads) {
+/// `threads`: of each rank.
+nlohmann::json common_result(const engine::Simulation& s, int threads, const parallel::Communicator& world) {
     const auto n = static_cast<double>(s.size());
     return {{"schema", "dem-run"},
             {"version", 1},
@@ -95,14 +150,15 @@ nlohmann::json common_result(const engine::Simulation& s, int threads) {
             {"kernel", s.kernel_name()},
             {"simd", simd_target()},
             {"threads", threads},
-            {"ranks", 1},
+            {"ranks", world.size()},
             {"bytes_per_particle", static_cast<double>(s.memory()) / n},
-            {"peak_memory", peak_memory()}};
+            {"peak_memory", peak_memory(world)}};
 }
 
 /// For --dry-run: times a few steps and says what the whole run would take.
 nlohmann::json predict(engine::Simulation& s, const engine::Scene& scene,
-                       const dem_run::SceneSettings& settings, int threads) {
+                       const dem_run::SceneSettings& settings, int threads,
+                       const parallel::Communicator& world) {
     double longest = 0, frames = 0;
     for (const engine::Stage& stage : scene.stages) {
         const double duration = stage.until_rest ? stage.limit : stage.end;
@@ -114,7 +170,7 @@ nlohmann::json predict(engine::Simulation& s, const engine::Scene& scene,
     for (int k = 0; k < trial; ++k)
         s.step();
     const double per_step = seconds_since(start) / trial;
-    nlohmann::json json = common_result(s, threads);
+    nlohmann::json json = common_result(s, threads, world);
     json["steps"] = std::ceil(longest / s.time_step().step);
     json["time"] = longest;
     json["expected_run_time"] = longest / s.time_step().step * per_step;
@@ -124,9 +180,53 @@ nlohmann::json predict(engine::Simulation& s, const engine::Scene& scene,
     return json;
 }
 
+/// How even the ranks' work was and what they told each other, for more than one.
+void add_ranks(nlohmann::json& json, const engine::Simulation& s, const parallel::Communicator& world) {
+    if (world.alone())
+        return;
+    std::vector<double> busy, owned, halo, bytes;
+    struct Rank {
+        double busy, owned, halo, bytes;
+    };
+    for (const Rank& rank :
+         world.gather(Rank{s.busy_time(), static_cast<double>(s.owned()), static_cast<double>(s.halo()),
+                           static_cast<double>(s.halo_bytes_per_step())})) {
+        busy.push_back(rank.busy);
+        owned.push_back(rank.owned);
+        halo.push_back(rank.halo);
+        bytes.push_back(rank.bytes);
+    }
+    json["rank_busy_time"] = busy;
+    json["rank_particles"] = owned;
+    json["rank_halo"] = halo;
+    json["rank_halo_bytes_per_step"] = bytes;
+    json["domain_recuts"] = s.recuts();
+}
+
+/// Whether an earlier run had finished its trajectory and was killed before it removed its checkpoint.
+bool finished_before(const std::string& output, std::int64_t checkpoint_step) {
+    if (!std::filesystem::exists(output) || std::filesystem::exists(io::partial_path(output)))
+        return false;
+    const io::FileInfo info = io::inspect(output);
+    if (info.kind != io::FileKind::trajectory || !info.complete)
+        return false;
+    const io::TrajectoryReader trajectory(output);
+    return trajectory.frames() > 0 && trajectory.step(trajectory.frames() - 1) >= checkpoint_step;
+}
+
+void remove_checkpoints(const std::string& path) {
+    std::error_code ignored;
+    std::filesystem::remove(path, ignored);
+    std::filesystem::remove(io::previous_checkpoint(path), ignored);
+}
+
 } // namespace
 
 int main(int argc, char** argv) {
+    const parallel::Communicator world = parallel::Communicator::world();
+    const bool first_rank = world.rank() == 0;
+    if (!first_rank && std::freopen("/dev/null", "w", stdout) == nullptr) // one result is enough
+        return 1;
     cli::Tool tool(
         {.name = "dem-run",
          .summary = "Runs a discrete element simulation: Hertz-Mindlin contacts, bonds, gravity, walls.",
@@ -138,7 +238,12 @@ int main(int argc, char** argv) {
          .epilog = "Example: dem-run slope.model.h5 -c scene.json -o slide.traj.h5 --resume auto",
          .libraries = {},
          .result_in_output = false,
-         .simd_target = simd_target()});
+         .simd_target = simd_target(),
+         .default_threads = world.fair_threads(ThreadTeam::available()),
+         .before_error = [&] { // what all ranks find, the first one says and ends them all
+             if (!first_rank)
+                 std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+         }});
     dem_run::SceneSettings settings(tool.settings());
     std::string simd = "auto", checkpoint, resume = "never", max_wall, interval = "10min";
     tool.app().add_option("--checkpoint", checkpoint,
@@ -158,8 +263,13 @@ int main(int argc, char** argv) {
             return names;
         }()));
 
-    return tool.run(argc, argv, [&] {
-        const cli::Common& common = tool.common();
+    const int code = tool.run(argc, argv, [&] {
+        cli::Common& common = tool.common();
+        if (!first_rank) {
+            common.quiet = true;
+            common.progress = "none";
+        }
+        const io::Together ranks = together(world);
         if (simd != "auto")
             force_simd_target(simd);
         ThreadTeam team(common.threads);
@@ -170,32 +280,44 @@ int main(int argc, char** argv) {
         if (!max_wall.empty())
             rules.max_wall = cli::parse_duration(max_wall);
         rules.checkpoint_interval = cli::parse_duration(interval);
-        rules.stop_files = {"STOP"};
 
-        const std::string usable = resume == "auto" && !common.dry_run ? io::usable_checkpoint(saved) : "";
+        const bool resumes = resume == "auto" && !common.dry_run;
+        const std::string usable =
+            io::from_first(ranks, resumes && first_rank ? io::usable_checkpoint(saved) : "");
         const bool input_is_checkpoint = io::kind_of(input) == io::FileKind::checkpoint;
         Start start;
         if (!usable.empty() || input_is_checkpoint) {
-            const io::CheckpointFile file = io::read_checkpoint(usable.empty() ? input : usable);
-            if (!input_is_checkpoint)
-                dem_run::check_same_run(file, usable, from_model(input, team).grains,
+            const io::CheckpointReader file(usable.empty() ? input : usable);
+            if (!input_is_checkpoint) {
+                start = from_model(input, team, world);
+                dem_run::check_same_run(file, usable, start.grains, start.first,
                                         tool.effective_config().dump());
-            start = from_checkpoint(file);
+            }
+            start = from_checkpoint(file, input_is_checkpoint ? nullptr : &start, world);
         } else {
-            start = from_model(input, team);
+            start = from_model(input, team, world);
         }
-        if (resume == "auto" && !common.dry_run && usable.empty() && std::filesystem::exists(saved))
+        if (resumes && usable.empty() && std::filesystem::exists(saved))
             tool.warn(saved +
                       ": the checkpoint is damaged and there is no earlier one; starting from the beginning");
         if (start.position.stage >= scene.stages.size())
             throw Error(ExitCode::configuration_invalid,
                         "stages: the checkpoint's stage is not in this scene; "
                         "resume with the scene it was made with");
-        const auto simulation_ptr = make_simulation(scene, start.grains, team, input);
+        const auto simulation_ptr = make_simulation(scene, start.grains, team, input, world);
         engine::Simulation& simulation = *simulation_ptr;
         tool.note(simulation.time_step().reason);
         if (common.dry_run) {
-            tool.result(predict(simulation, scene, settings, common.threads));
+            tool.result(predict(simulation, scene, settings, common.threads, world));
+            return;
+        }
+        if (!usable.empty() &&
+            !io::from_first(ranks,
+                            first_rank && finished_before(common.output, start.state->step) ? "yes" : "")
+                 .empty()) {
+            if (first_rank)
+                remove_checkpoints(saved);
+            tool.warn(common.output + ": is complete already; only its checkpoint was left");
             return;
         }
         if (start.state) {
@@ -211,7 +333,7 @@ int main(int argc, char** argv) {
         statics.species = start.grains.species;
         statics.release = start.grains.release;
         statics.material = start.grains.material;
-        const Vec3 shift = settings.float64 ? Vec3{} : dem_run::output_shift(start.grains);
+        const Vec3 shift = settings.float64 ? Vec3{} : dem_run::output_shift(start.grains, world);
         statics.origin = start.grains.origin + shift;
         statics.coordinate_system = start.grains.coordinate_system;
         statics.box = scene.box ? *scene.box : start.grains.box.value_or(Box{});
@@ -219,12 +341,22 @@ int main(int argc, char** argv) {
         statics.box.upper -= shift;
         statics.float64 = settings.float64;
         const std::string config = tool.effective_config().dump();
-        dem_run::ResumedTrajectory trajectory(common.output, statics, tool.provenance_after(start.provenance),
-                                              config, common.overwrite, start.state ? first_step : -1);
-
-        if (start.state && !trajectory.continues())
+        const io::Provenance provenance = tool.provenance_after(start.provenance);
+        const io::Rows rows{simulation.first_id(), simulation.size()};
+        const bool goes_on =
+            start.trajectory &&
+            !io::from_first(
+                 ranks, first_rank && std::filesystem::exists(io::partial_path(common.output)) ? "yes" : "")
+                 .empty();
+        if (start.state && !goes_on)
             tool.warn(common.output +
                       ": the frames before the checkpoint are gone; the trajectory starts there");
+        io::TrajectoryWriter trajectory =
+            goes_on ? io::TrajectoryWriter::resume(common.output, *start.trajectory, statics, provenance,
+                                                   config, common.overwrite, ranks, rows)
+                    : io::TrajectoryWriter(common.output, statics, provenance, config, common.overwrite,
+                                           ranks, rows);
+        start.trajectory.reset();
 
         cli::install_stop_handler();
         cli::Progress progress("dem-run", common.progress, common.quiet);
@@ -233,16 +365,17 @@ int main(int argc, char** argv) {
         const auto save = [&] {
             simulation.evaluate();
             tell_breaks(); // all up to the checkpoint are in the trajectory
-            trajectory.writer().flush();
-            io::CheckpointFile file = dem_run::pack(start.grains, simulation, position);
+            io::CheckpointFile file = dem_run::pack(start.grains, simulation, position, world);
+            io::put(file, trajectory.image());
             file.config = config;
-            file.provenance = tool.provenance_after(start.provenance);
-            io::write_checkpoint(saved, file);
+            file.provenance = provenance;
+            io::write_checkpoint(saved, file, ranks);
         };
-        dem_run::Recorder recorder(trajectory.writer(), scene, position, settings.fields, shift, rules,
-                                   progress, save);
+        dem_run::Recorder recorder(trajectory, scene, position, settings.fields, shift, rules, progress,
+                                   first_rank, save);
         tell_breaks = [&] {
-            if (const auto breaks = simulation.take_breaks(); !breaks.empty())
+            const auto breaks = simulation.take_breaks();
+            if (simulation.any_rank(!breaks.empty()))
                 recorder.bonds_broken(breaks, simulation);
         };
         const auto wall_start = std::chrono::steady_clock::now();
@@ -251,18 +384,18 @@ int main(int argc, char** argv) {
         progress.finish();
         if (end == engine::RunEnd::stopped) {
             save();
-            trajectory.writer().suspend();
+            trajectory.suspend();
             throw Error(
                 ExitCode::stopped_with_checkpoint,
                 fmt::format("stopped by {} at t = {:.6g} s; checkpoint in {}: run again with --resume auto",
                             recorder.stop_reason(), simulation.time(), saved));
         }
-        trajectory.writer().finish();
-        std::error_code ignored;
-        std::filesystem::remove(saved, ignored);
-        std::filesystem::remove(io::previous_checkpoint(saved), ignored);
+        trajectory.finish();
+        if (first_rank)
+            remove_checkpoints(saved);
 
-        nlohmann::json json = common_result(simulation, common.threads);
+        nlohmann::json json = common_result(simulation, common.threads, world);
+        add_ranks(json, simulation, world);
         const auto steps = static_cast<double>(simulation.steps() - first_step);
         json["steps"] = simulation.steps();
         json["time"] = simulation.time();
@@ -282,4 +415,11 @@ int main(int argc, char** argv) {
         json["rms_speed"] = rest.rms_speed;
         tool.result(json);
     });
+    // Ranks that stopped together end together; after an error that others may not know, nobody waits for
+    // them.
+    if (!world.alone() && code != 0 && code != static_cast<int>(ExitCode::stopped_with_checkpoint)) {
+        std::fflush(nullptr);
+        world.abort(code);
+    }
+    return code;
 }

@@ -45,7 +45,10 @@ public:
         return overflowed_ ? std::nan("") : std::ldexp(static_cast<double>(sum_), exponent_);
     }
 
-    /// The integer itself, for checkpoints.
+    bool overflowed() const { return overflowed_; }
+    void set_overflowed() { overflowed_ = true; }
+
+    /// The integer itself, for checkpoints and for sums over ranks.
     std::int64_t high_bits() const { return static_cast<std::int64_t>(sum_ >> 64); }
     std::int64_t low_bits() const { return static_cast<std::int64_t>(sum_); }
     void set_bits(std::int64_t high, std::int64_t low) {

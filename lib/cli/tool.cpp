@@ -50,6 +50,8 @@ void print(const std::string& text) {
 } // namespace
 
 void Tool::State::line(const char* kind, std::string text) const {
+    if (std::string_view(kind) == "error: " && info.before_error)
+        info.before_error();
     std::replace(text.begin(), text.end(), '\n', ' ');
     clear_progress_line();
     fmt::print(stderr, "{}: {}{}\n", info.name, kind, text);
@@ -109,10 +111,14 @@ int Tool::State::prepare_and_run(int argc, char** argv, const std::function<void
         add(document->assign(a.key, a.text, a.source, a.verbatim));
     if (document->readable())
         add(settings.load(*document));
+    if (!problems.empty() && info.before_error)
+        info.before_error();
     if (const int code = report(problems))
         return code;
 
-    common.threads = threads > 0 ? static_cast<int>(threads) : ThreadTeam::available();
+    common.threads = threads > 0                ? static_cast<int>(threads)
+                     : info.default_threads > 0 ? info.default_threads
+                                                : ThreadTeam::available();
     common.seed = static_cast<std::uint64_t>(seed);
     if (request.print_config) {
         print(settings.effective().dump(2, ' ', false, Json::error_handler_t::replace) + "\n");

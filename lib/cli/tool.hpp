@@ -37,6 +37,8 @@ struct ToolInfo {
     bool result_in_output =
         false;               ///< result() goes to -o where that is given (tools whose output is the report)
     std::string simd_target; ///< for --version; empty: what the compiler was allowed to use
+    int default_threads = 0; ///< without -j; 0: all cores the process may use
+    std::function<void()> before_error = {}; ///< called before an error is printed
 };
 
 /// The frame of a command-line tool: common switches, settings, exit codes.

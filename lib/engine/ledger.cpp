@@ -69,8 +69,10 @@ void Simulation::collect_tallies(bool first) {
         std::sort(
             breaks_.end() - static_cast<std::ptrdiff_t>(broken), breaks_.end(),
             [](const BondBreak& a, const BondBreak& b) { return std::tie(a.i, a.j) < std::tie(b.i, b.j); });
-        for (std::size_t k = breaks_.size() - broken; k < breaks_.size(); ++k)
+        for (std::size_t k = breaks_.size() - broken; k < breaks_.size(); ++k) {
             breaks_[k].step = step_;
+            breaks_[k].position = images_.box().wrap(breaks_[k].position);
+        }
         intact_bonds_ -= broken;
     }
     for (Integral& integral : integrals_) {
@@ -79,11 +81,6 @@ void Simulation::collect_tallies(bool first) {
         else
             integral.sum.add(integral.last);
     }
-}
-
-double Simulation::integral(Power which) const {
-    const Integral& i = integrals_[which];
-    return time_step_.step * (i.sum.value() + 0.5 * (i.first.value() - i.last.value()));
 }
 
 Energies Simulation::energies() const {
@@ -101,7 +98,7 @@ Energies Simulation::energies() const {
         potential.add(-m * dot(scene_.gravity, unwrapped(row)));
     }
     for (std::size_t k = 0; k < list_.size(); ++k) {
-        if (!(pairs_.state[k] & contact::contact_active))
+        if (!(pairs_.state[k] & contact::contact_active) || (pairs_.state[k] & counted_elsewhere))
             continue;
         const search::Candidate c = list_.candidates()[k];
         const Record &xi = p.bodies[c.i].position, &xj = p.bodies[c.j].position;
@@ -113,13 +110,22 @@ Energies Simulation::energies() const {
     }
     walls_.add_elastic_energy(p, elastic);
 
+    std::vector<ExactSum> sums{kinetic, potential, elastic, fractured_};
+    for (const Integral& i : integrals_)
+        sums.insert(sums.end(), {i.sum, i.first, i.last});
+    world_.sum(sums);
+    const auto integral = [&](Power which) {
+        const ExactSum* i = sums.data() + 4 + 3 * which;
+        return time_step_.step * (i[0].value() + 0.5 * (i[1].value() - i[2].value()));
+    };
+
     Energies e;
-    e.kinetic = kinetic.value();
-    e.potential = potential.value() - start_potential_;
-    e.elastic = elastic.value();
+    e.kinetic = sums[0].value();
+    e.potential = sums[1].value() - start_potential_;
+    e.elastic = sums[2].value();
     e.tangential = integral(tangential_power);
     e.damping = integral(damping_power) + integral(viscous_power);
-    e.fracture = fractured_.value();
+    e.fracture = sums[3].value();
     e.supplied = integral(supplied_power);
     largest_energy_ = std::max(largest_energy_, e.kinetic + e.elastic + std::abs(e.potential) +
                                                     std::abs(e.tangential) + std::abs(e.damping));
@@ -145,22 +151,25 @@ RestState Simulation::rest_state() const {
         speed2.add(v2);
         rest.max_speed = std::max(rest.max_speed, v2);
     }
-    const std::size_t pair_contacts = contacts_;
-    std::size_t contacts = contacts_;
+    std::size_t touching_walls = 0;
     for (const WallContacts::Entry& e : walls_.entries())
         if (e.history.state & contact::contact_active) {
             wall_force.add(norm(e.force));
-            ++contacts;
+            ++touching_walls;
         }
-    rest.max_speed = std::sqrt(rest.max_speed);
+    std::array<ExactSum, 4> sums{net_force, wall_force, speed2, contact_force_};
+    world_.sum(sums);
+    const std::size_t pair_contacts = world_.sum(contacts_),
+                      contacts = pair_contacts + world_.sum(touching_walls);
+    rest.max_speed = std::sqrt(world_.max(rest.max_speed));
     if (mobile_ == 0)
         return rest;
     const auto count = static_cast<double>(mobile_);
-    rest.rms_speed = std::sqrt(speed2.value() / count);
+    rest.rms_speed = std::sqrt(sums[2].value() / count);
     rest.coordination_number = 2 * static_cast<double>(pair_contacts) / count;
-    const double mean_net = net_force.value() / count;
+    const double mean_net = sums[0].value() / count;
     const double mean_contact =
-        contacts > 0 ? (contact_force_ + wall_force.value()) / static_cast<double>(contacts) : 0;
+        contacts > 0 ? (sums[3].value() + sums[1].value()) / static_cast<double>(contacts) : 0;
     rest.unbalanced_force = mean_net == 0 ? 0 : (mean_contact > 0 ? mean_net / mean_contact : 1e300);
     return rest;
 }
@@ -172,13 +181,13 @@ bool Simulation::at_rest(const RestState& rest) const {
 }
 
 std::size_t Simulation::bonds() const {
-    return evaluated().count_bonds();
+    return world_.sum(evaluated().count_bonds());
 }
 
 std::size_t Simulation::count_bonds() const {
     std::size_t count = 0;
     for (std::size_t k = 0; k < list_.size(); ++k)
-        count += (pairs_.state[k] & contact::bond_intact) != 0;
+        count += (pairs_.state[k] & (contact::bond_intact | counted_elsewhere)) == contact::bond_intact;
     return count;
 }
 
@@ -195,30 +204,58 @@ std::size_t Simulation::release(bool whole_mass) {
         const double touch = xi.w + xj.w, radius = xi.w * xj.w / touch;
         const double overlap =
             touch - norm(xj.vec() - xi.vec()) - (pairs_.offset.empty() ? 0 : pairs_.offset[k]);
-        fractured_.add(contact::normal_energy(constants_.of(p, c), radius, overlap, true) -
-                       contact::normal_energy(constants_.of(p, c), radius, overlap, false));
         pairs_.state[k] =
             static_cast<std::uint8_t>((pairs_.state[k] & ~contact::bond_intact) | contact::bond_broken);
-        released.push_back({p.id[c.i], p.id[c.j], 0.5 * (xi.vec() + xj.vec()), 0, step_});
+        if (pairs_.state[k] & counted_elsewhere)
+            continue;
+        fractured_.add(contact::normal_energy(constants_.of(p, c), radius, overlap, true) -
+                       contact::normal_energy(constants_.of(p, c), radius, overlap, false));
+        released.push_back({p.id[c.i], p.id[c.j], images_.box().wrap(0.5 * (xi.vec() + xj.vec())), 0, step_});
     }
     std::sort(released.begin(), released.end(),
               [](const BondBreak& a, const BondBreak& b) { return std::tie(a.i, a.j) < std::tie(b.i, b.j); });
     breaks_.insert(breaks_.end(), released.begin(), released.end());
     intact_bonds_ -= released.size();
-    return released.size();
+    return world_.sum(released.size());
+}
+
+bool Simulation::has_breaks() const {
+    return world_.alone() ? !breaks_.empty() : (asked_ & bonds_broke) != 0;
 }
 
 std::vector<BondBreak> Simulation::take_breaks() {
-    return std::exchange(breaks_, {});
+    if (world_.alone())
+        return std::exchange(breaks_, {});
+    std::vector<std::vector<BondBreak>> to(static_cast<std::size_t>(world_.size()));
+    to[0] = std::exchange(breaks_, {});
+    std::vector<BondBreak> all = world_.exchange(to);
+    // Those released at a step come after those that broke by themselves.
+    std::sort(all.begin(), all.end(), [](const BondBreak& a, const BondBreak& b) {
+        return std::tuple(a.step, a.mode == 0, a.i, a.j) < std::tuple(b.step, b.mode == 0, b.i, b.j);
+    });
+    return all;
+}
+
+std::vector<Simulation::WallLoad> Simulation::wall_loads() const {
+    std::vector<ExactSum> sums = evaluated().walls_.totals(particles_, images_.box(), record_scale());
+    world_.sum(sums);
+    std::vector<WallLoad> loads(walls_.count());
+    for (std::size_t w = 0; w < loads.size(); ++w)
+        for (int k = 0; k < 3; ++k) {
+            loads[w].force[k] = sums[6 * w + static_cast<std::size_t>(k)].value();
+            loads[w].torque[k] = sums[6 * w + 3 + static_cast<std::size_t>(k)].value();
+        }
+    return loads;
 }
 
 std::size_t Simulation::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
     const ParticleColumns& p = particles_;
-    return bytes(p.bodies) + bytes(p.half_motion) + bytes(p.id) + bytes(p.material) + bytes(p.species) +
-           bytes(p.release) + bytes(p.image) + bytes(p.ghost_owner) + bytes(p.ghost_shift) + pairs_.memory() +
-           bytes(listed_) + bytes(share_) + bytes(outer_share_) + motion_.memory() + bytes(refreshed_) +
-           list_.memory();
+    return world_.sum(bytes(p.bodies) + bytes(p.half_motion) + bytes(p.id) + bytes(p.material) +
+                      bytes(p.species) + bytes(p.release) + bytes(p.image) + bytes(p.ghost_owner) +
+                      bytes(p.ghost_shift) + pairs_.memory() + bytes(listed_) + bytes(share_) +
+                      bytes(outer_share_) + motion_.memory() + bytes(refreshed_) + list_.memory() +
+                      halo_.memory());
 }
 
 } // namespace talus::engine

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 namespace talus::engine {
 
@@ -30,6 +31,10 @@ constexpr double share_steps = 50;
 
 /// The local motion counts where it takes more than this part of the close skin meanwhile.
 constexpr double slow = 0.2;
+
+/// What the ranks tell each other after each step; above these come what the outside asks for.
+enum : unsigned { outer_list_is_worn = 1, close_list_is_worn = 2 };
+constexpr unsigned own_bits = 2;
 
 /// A particle's share of the close skin is at most this part of its share of the outer one: some lists of
 /// close pairs are made of one outer one.
@@ -64,7 +69,7 @@ double Simulation::largest_outer_share() const {
 void Simulation::set_outer_shares() {
     const ParticleColumns& p = particles_;
     const double most = largest_outer_share(), dt = outer_share_steps * time_step_.step;
-    outer_share_.resize(p.owned);
+    outer_share_.resize(p.known());
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
             const search::LocalMotion::Cell cell = motion_.of(row);
@@ -75,13 +80,15 @@ void Simulation::set_outer_shares() {
                 fixed && speed == 0 ? 0.0f : static_cast<float>(std::min(most, 0.5 * skin_ + dt * speed));
         }
     });
+    if (!world_.alone())
+        halo_.fill(p, outer_share_);
 }
 
 /// The same for the close list.
 void Simulation::set_shares() {
     const ParticleColumns& p = particles_;
     const double dt = share_steps * time_step_.step;
-    share_.resize(p.owned);
+    share_.resize(p.known());
     std::vector<double> use(static_cast<std::size_t>(team_.size()));
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
         double largest = 0;
@@ -99,6 +106,8 @@ void Simulation::set_shares() {
     });
     shear_use_ = *std::max_element(use.begin(), use.end());
     used_ = 0;
+    if (!world_.alone())
+        halo_.fill(p, share_);
 }
 
 /// The most that has been used up of the lists' skins, by how far particles really went.
@@ -139,23 +148,47 @@ Simulation::Displacement Simulation::largest_displacement() {
 /// close list is made the next time. Whether they can have is first judged by the sum of the largest speeds,
 /// which costs nothing; where that runs out, by how far they really went.
 void Simulation::keep_lists_valid() {
-    if (used_ <= 1 && wall_used_ <= wall_skin_) {
-        images_.update_ghosts(particles_, close_ghosts_, team_);
-        return;
+    unsigned bits = 0;
+    if (static_cast<double>(step_ - last_rebuild_) * time_step_.step > motion_holds_for_) {
+        bits = outer_list_is_worn;
+    } else if (used_ > 1 || wall_used_ > wall_skin_) {
+        const Displacement moved = largest_displacement();
+        wall_used_ = moved.walls + wall_travel_;
+        if (moved.outer > 1 || (walls_.any() && wall_used_ > worn_out * wall_skin_))
+            bits = outer_list_is_worn;
+        else if (moved.used > worn_out)
+            bits = close_list_is_worn;
+        else
+            used_ = moved.used;
     }
-    const Displacement moved = largest_displacement();
-    wall_used_ = moved.walls + wall_travel_;
-    if (moved.outer > 1 || (walls_.any() && wall_used_ > worn_out * wall_skin_)) {
+    bits = agree(bits);
+    if (bits & outer_list_is_worn) {
         rebuild(false);
-        return;
-    }
-    if (moved.used <= worn_out) {
-        images_.update_ghosts(particles_, close_ghosts_, team_);
-        used_ = moved.used;
-    } else {
+    } else if (bits & close_list_is_worn) {
+        update_halo();
         images_.update_ghosts(particles_, team_);
         refresh();
+    } else {
+        images_.update_ghosts(particles_, close_ghosts_, team_);
     }
+}
+
+/// All ranks learn what any asks for, while the halo's close copies are brought up.
+unsigned Simulation::agree(unsigned bits) {
+    const unsigned asking = std::exchange(asking_, 0u) | (breaks_.empty() ? 0u : bonds_broke);
+    if (world_.alone()) {
+        asked_ = asking;
+        return bits;
+    }
+    halo_.start_update(particles_, false, bits | asking << own_bits);
+    const unsigned all = halo_.finish_update(particles_);
+    asked_ = all >> own_bits;
+    return all & ((1u << own_bits) - 1);
+}
+
+void Simulation::update_halo() {
+    if (!world_.alone())
+        halo_.update(particles_);
 }
 
 /// Takes wider skins where lists last a few steps only (flow) and narrower ones where they last long (rest).
@@ -179,41 +212,59 @@ void Simulation::adapt_skins(bool outer) {
 }
 
 search::CandidateList::Live Simulation::live() const {
-    return {{pairs_.state.data(), list_.size()},
+    return {{pairs_.state.data(), pairs_.state.size()},
             contact::contact_active | contact::bond_intact,
             contact::bond_intact,
-            {pairs_.offset.data(), pairs_.offset.empty() ? 0 : list_.size()}};
+            {pairs_.offset.data(), pairs_.offset.size()}};
 }
 
 /// `all_bonds`: also pairs that may be bonded but are not known to be yet are close ones.
-void Simulation::rebuild(bool all_bonds) {
+/// `carried`: histories that are given instead of those in the present list.
+void Simulation::rebuild(bool all_bonds, Carried carried) {
     ParticleColumns& p = particles_;
     const bool first = rebuilds_ == 0;
     adapt_skins(true);
+    const Census before = count_all();
+    const std::size_t old_owned = p.owned;
     std::vector<std::array<std::int8_t, 3>> wrapped;
     images_.wrap(p, wrapped);
-    std::vector<std::uint32_t> order;
-    if (rebuilds_ % rebuilds_per_reorder == 0) {
-        order = search::space_filling_order(p, 2.5 * mean_radius_, team_);
-        search::reorder(p, order, team_);
-        const auto before = wrapped;
-        for (std::size_t row = 0; row < p.owned; ++row)
-            wrapped[row] = before[order[row]];
-    } else {
+    std::vector<std::uint32_t> order; // the row that each had before
+    if (world_.alone() || carried.restored) {
         order.resize(p.owned);
         std::iota(order.begin(), order.end(), 0u);
+    } else {
+        order = change_ranks(wrapped, carried);
     }
-    if (kernel_.traits.mixed) {
-        p.half_motion.resize(p.owned);
-        for (std::size_t row = 0; row < p.owned; ++row)
-            p.set_half_motion(row);
+    if (rebuilds_ % rebuilds_per_reorder == 0) {
+        const std::vector<std::uint32_t> sorted = search::space_filling_order(p, 2.5 * mean_radius_, team_);
+        search::reorder(p, sorted, team_);
+        const auto wrapped_before = wrapped;
+        const auto order_before = order;
+        for (std::size_t row = 0; row < p.owned; ++row) {
+            wrapped[row] = wrapped_before[sorted[row]];
+            order[row] = order_before[sorted[row]];
+        }
     }
     const double touch = 2 * largest_radius_ * reach_factor_ + bond_reach_;
-    motion_.build(p, images_.box(), touch + 2 * largest_outer_share(),
-                  slow * close_skin_ / (share_steps * time_step_.step), team_);
+    if (!world_.alone())
+        halo_.make(p, images_.box(), touch + 2 * largest_outer_share());
+    const bool moves =
+        motion_.build(p, images_.box(), touch + 2 * largest_outer_share(), 2 * largest_outer_share(),
+                      slow * close_skin_ / (share_steps * time_step_.step), team_);
+    if (world_.any(moves))
+        share_motion();
+    else
+        motion_.set_still();
+    motion_holds_for_ = world_.min(motion_.holds_for());
     set_outer_shares();
-    wall_skin_ = 2.0 * *std::max_element(outer_share_.begin(), outer_share_.end());
+    const auto own_end = outer_share_.begin() + static_cast<std::ptrdiff_t>(p.owned);
+    wall_skin_ = p.owned == 0 ? 0 : 2.0 * *std::max_element(outer_share_.begin(), own_end);
     images_.make_ghosts(p, touch + wall_skin_);
+    if (kernel_.traits.mixed) {
+        p.half_motion.resize(p.size());
+        for (std::size_t row = 0; row < p.size(); ++row)
+            p.set_half_motion(row);
+    }
     if (first)
         order.clear();
     set_shares();
@@ -221,14 +272,23 @@ void Simulation::rebuild(bool all_bonds) {
     if (all_bonds)
         for (float& share : share_)
             share += static_cast<float>(bond_reach_);
-    const std::size_t lost = list_.rebuild(p, reach_factor_, bond_reach_, outer_share_, close_factor, share_,
-                                           order, wrapped, live(), team_);
+    std::vector<search::KeyedPair> keys;
+    if (!carried.pairs.empty()) { // they stand behind the present list's
+        pairs_.extend(list_.size() + carried.pairs.size(), kernel_.traits);
+        for (const CarriedPair& pair : carried.pairs) {
+            pairs_.store(list_.size() + keys.size(), pair.history);
+            keys.push_back(pair.key);
+        }
+    }
+    const search::CandidateList::Missed missed =
+        list_.rebuild(p, reach_factor_, bond_reach_, outer_share_, close_factor, share_, order, old_owned,
+                      wrapped, live(), keys, team_);
     set_shares();
-    if (lost > 0)
+    if (missed.bound > 0)
         throw Error(ExitCode::run_failed,
                     fmt::format("{} bonds were stretched beyond the candidate list at step {}: take "
                                 "a smaller time.step",
-                                lost, step_));
+                                missed.bound, step_));
     listed_.resize(p.owned);
     constexpr double inf = std::numeric_limits<double>::infinity();
     Vec3 lower{inf, inf, inf}, upper{-inf, -inf, -inf};
@@ -237,8 +297,8 @@ void Simulation::rebuild(bool all_bonds) {
             lower[k] = std::min(lower[k], p.bodies[row].position.vec()[k]);
             upper[k] = std::max(upper[k], p.bodies[row].position.vec()[k]);
         }
-    listed_origin_ = 0.5 * (lower + upper);
-    listed_rounding_ = 0x1p-24 * norm(upper - lower);
+    listed_origin_ = p.owned == 0 ? Vec3{} : 0.5 * (lower + upper);
+    listed_rounding_ = p.owned == 0 ? 0 : 0x1p-24 * norm(upper - lower);
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
             const Vec3 x = p.bodies[row].position.vec() - listed_origin_;
@@ -246,9 +306,27 @@ void Simulation::rebuild(bool all_bonds) {
         }
     });
     walls_.rebuild(p, wall_skin_, order);
+    give_walls(carried.walls);
     wall_travel_ = wall_used_ = 0;
     ++rebuilds_;
     take_close_list();
+    if (!world_.alone() && !first && !carried.restored) {
+        Census dropped;
+        for (const auto& [i, j] : missed.parted)
+            dropped.add_pair(i, j, false);
+        check_census(before, dropped);
+    }
+    if (carried.restored) {
+        std::uint64_t found = 0;
+        for (std::size_t k = 0; k < list_.size(); ++k)
+            found += live()(k) && !(pairs_.state[k] & counted_elsewhere);
+        if (world_.sum(found) != carried.expected)
+            throw Error(
+                ExitCode::input_invalid,
+                fmt::format("{} of the checkpoint's {} contacts are not among the near pairs: it does not "
+                            "belong to this model",
+                            carried.expected - world_.sum(found), carried.expected));
+    }
 }
 
 void Simulation::refresh() {
@@ -261,7 +339,7 @@ void Simulation::refresh() {
 /// Rows that cannot be moved when their own pairs are done, because another thread computes one of their
 /// pairs, or a later block does (pairs are held by the smaller particle where sizes differ much).
 void Simulation::find_late_rows() {
-    hold_.resize(particles_.owned);
+    hold_.assign(particles_.known(), 1);
     late_.resize(static_cast<std::size_t>(team_.size()));
     for (auto& rows : late_)
         rows.clear();
@@ -327,12 +405,14 @@ void Simulation::assign_slots() {
 /// What depends on the close list and comes after it.
 void Simulation::take_close_list() {
     pairs_.reorder(list_.previous(), kernel_.traits, team_);
+    mark_pairs_counted_elsewhere();
     complete_rows_.resize(list_.size() / sweep_block + 2);
     for (std::size_t b = 0; b < complete_rows_.size(); ++b)
         complete_rows_[b] = list_.rows_before(b * sweep_block);
     find_late_rows();
     assign_slots();
     close_ghosts_.clear();
+    std::vector<std::uint32_t> close_copies;
     if (particles_.ghosts() > 0) {
         std::vector<bool> close(particles_.ghosts(), false);
         for (const search::Candidate& c : list_.candidates())
@@ -340,9 +420,13 @@ void Simulation::take_close_list() {
                 if (row >= particles_.owned)
                     close[row - particles_.owned] = true;
         for (std::uint32_t g = 0; g < close.size(); ++g)
-            if (close[g])
+            if (close[g] && g >= particles_.halo)
                 close_ghosts_.push_back(g);
+            else if (close[g])
+                close_copies.push_back(static_cast<std::uint32_t>(particles_.owned) + g);
     }
+    if (!world_.alone())
+        halo_.want(particles_, close_copies);
     refreshed_.resize(particles_.owned);
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {

@@ -54,6 +54,19 @@ void PairColumns::reorder(std::span<const std::uint32_t> previous, const KernelT
         reorder_column(offset, spare, previous, team);
 }
 
+void PairColumns::extend(std::size_t histories, const KernelTraits& traits) {
+    const std::size_t size = histories + padding;
+    state.resize(size);
+    if (traits.tangential && traits.mixed)
+        for (auto& component : tangential_displacement_single)
+            component.resize(size);
+    else if (traits.tangential)
+        for (auto& component : tangential_displacement)
+            component.resize(size);
+    if (traits.offsets)
+        offset.resize(size);
+}
+
 void PairColumns::make_slots(std::size_t slots, const KernelTraits& traits) {
     stride = traits.tangential || traits.mixed ? 8 : 4;
     if (traits.mixed)
@@ -121,7 +134,9 @@ namespace {
 constexpr double least_distance2 = 1e-60;
 
 [[gnu::always_inline]] inline void count(const contact::Force& f, const ParticleColumns& p,
-                                         const search::Candidate& c, Tally& tally) {
+                                         const search::Candidate& c, std::uint8_t state, Tally& tally) {
+    if (state & counted_elsewhere)
+        return;
     if (f.broke != 0) [[unlikely]] {
         tally.fracture.add(f.fracture);
         tally.breaks.push_back({p.id[c.i], p.id[c.j],
@@ -199,7 +214,7 @@ void scalar(const PairWork& work, std::size_t begin, std::size_t end, Tally& tal
             couple = stretch * cross(m.normal, f.tangential);
         }
         pairs.store_force(slot, f.tangential - f.normal * m.normal, f.active ? f.damping : 0, couple);
-        count(f, p, c, tally);
+        count(f, p, c, h.state, tally);
     }
 }
 
@@ -238,7 +253,7 @@ void reference(const PairWork& work, std::size_t begin, std::size_t end, Tally& 
         pairs.store(k, h);
         pairs.store_force(work.first_slot + k - begin, result.force_on_i, result.parts.damping,
                           result.torque_on_i / i.radius);
-        count(result.parts, work.particles, c, tally);
+        count(result.parts, work.particles, c, h.state, tally);
     }
 }
 

@@ -13,9 +13,13 @@
 
 namespace talus::engine {
 
+/// Bit of PairColumns::state, beside those of contact/law.hpp: the other rank that has this pair as well
+/// counts what it dissipates and whether it breaks.
+constexpr std::uint8_t counted_elsewhere = 0x80;
+
 struct BondBreak {
     std::uint64_t i, j; ///< global ids
-    Vec3 position;      ///< m, middle of the pair
+    Vec3 position;      ///< m, middle of the pair; in the end inside the box
     std::uint8_t mode;  ///< 0 released, 1 tension, 2 shear
     std::int64_t step = 0;
 };
@@ -69,6 +73,8 @@ struct PairColumns {
     /// Brings the history into the order of a new list, whose pair k was `previous[k]` before or is new
     /// (search::no_candidate).
     void reorder(std::span<const std::uint32_t> previous, const KernelTraits& traits, ThreadTeam& team);
+    /// Makes room for this many histories, keeping those that are there.
+    void extend(std::size_t histories, const KernelTraits& traits);
     /// Makes room for records.
     void make_slots(std::size_t slots, const KernelTraits& traits);
     contact::History load(std::size_t k) const;

@@ -32,7 +32,7 @@ bool ended(const Simulation& simulation, const Stage& stage, std::int64_t stage_
 
 void tell_breaks(Simulation& simulation, Observer& observer) {
     const std::vector<BondBreak> breaks = simulation.take_breaks();
-    if (!breaks.empty())
+    if (simulation.any_rank(!breaks.empty()))
         observer.bonds_broken(breaks, simulation);
 }
 
@@ -54,7 +54,8 @@ RunEnd run(Simulation& simulation, const Scene& scene, Observer& observer, RunPo
         bool frame_written = true;
         while (!ended(simulation, stage, simulation.steps() - position.stage_start)) {
             simulation.step();
-            tell_breaks(simulation, observer);
+            if (simulation.has_breaks())
+                tell_breaks(simulation, observer);
             const std::int64_t stage_step = simulation.steps() - position.stage_start;
             const bool frame = due(stage_step, scene.frame_interval, dt);
             if (due(stage_step, scene.series_interval, dt) || (frame && scene.series_interval <= 0))

@@ -6,7 +6,7 @@
 
 namespace talus::engine {
 
-/// What a run tells the world; the engine itself knows no files.
+/// What a run tells the world, on all ranks at once; the engine itself knows no files.
 class Observer {
 public:
     virtual ~Observer() = default;
@@ -15,8 +15,8 @@ public:
     virtual void frame(const Simulation& simulation) = 0;
     virtual void series(const Simulation& simulation) = 0;
     virtual void bonds_broken(std::span<const BondBreak> breaks, const Simulation& simulation) = 0;
-    /// Asked after every step: true ends the run there, to be resumed later.
-    virtual bool stop(const Simulation& simulation) = 0;
+    /// Asked after every step: true (on all ranks alike) ends the run there, to be resumed later.
+    virtual bool stop(Simulation& simulation) = 0;
 };
 
 /// Where in its stages a run is: all that a resumed run needs besides the simulation.

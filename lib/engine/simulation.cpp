@@ -8,6 +8,7 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <time.h>
 
 namespace talus::engine {
 
@@ -32,29 +33,41 @@ bool needs_tangential(const Scene& scene) {
     return needs;
 }
 
-bool same_sizes(const Grains& grains) {
-    const auto all_alike = [](const std::vector<double>& column) {
-        return std::adjacent_find(column.begin(), column.end(), std::not_equal_to<>()) == column.end();
+bool same_sizes(const Grains& grains, const parallel::Communicator& world) {
+    const auto all_alike = [&](const std::vector<double>& column) {
+        const auto [least, most] = std::minmax_element(column.begin(), column.end());
+        constexpr double inf = std::numeric_limits<double>::infinity();
+        return world.min(column.empty() ? inf : *least) >= world.max(column.empty() ? -inf : *most);
     };
-    return all_alike(grains.radius) && all_alike(grains.mass);
+    const bool radius = all_alike(grains.radius), mass = all_alike(grains.mass);
+    return radius && mass;
 }
 
-KernelTraits traits_of(const Scene& scene, const Grains& grains) {
+KernelTraits traits_of(const Scene& scene, const Grains& grains, const parallel::Communicator& world) {
     return {.tangential = needs_tangential(scene) || scene.bond.has_value(),
             .bonds = scene.bond.has_value(),
             .offsets = scene.stress_free_start,
             .linear = scene.linear_law.has_value(),
-            .one_size = same_sizes(grains) && scene.more_materials.empty(),
+            .one_size = same_sizes(grains, world) && scene.more_materials.empty(),
             .materials = !scene.more_materials.empty(),
             .mixed = scene.mixed_precision};
 }
 
+/// Processor time of this thread, s: what it computed, however many others want the processor.
+double seconds_of_thread() {
+    timespec now{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
 } // namespace
 
-Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& team)
-    : scene_(scene), team_(team), kernel_(choose_kernel(traits_of(scene, grains), scene.reference_kernel)),
-      images_(scene.box ? *scene.box : grains.box.value_or(Box{})), walls_(scene, kernel_.traits.tangential),
-      viscous_damping_(scene.viscous_damping) {
+Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& team,
+                       const parallel::Communicator& world)
+    : scene_(scene), team_(team), world_(world),
+      kernel_(choose_kernel(traits_of(scene, grains, world), scene.reference_kernel)),
+      images_(scene.box ? *scene.box : grains.box.value_or(Box{})), domains_(world_), halo_(world_),
+      walls_(scene, kernel_.traits.tangential), viscous_damping_(scene.viscous_damping) {
     make_constants();
     load(grains);
 
@@ -84,6 +97,7 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
                     {ExactSum(power), ExactSum(power), ExactSum(scale), 0, {}, ExactSum(record_scale())});
     advanced_.resize(static_cast<std::size_t>(team.size()));
 
+    cut_domains();
     rebuild(true);
     set_initial_contacts();
     compute_forces(0);
@@ -100,6 +114,7 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
                 p.set_half_motion(row);
         }
     });
+    update_halo();
     images_.update_ghosts(particles_, team_);
     start_potential_ = energies().potential;
     largest_energy_ = 0;
@@ -110,8 +125,14 @@ Simulation::~Simulation() = default;
 
 void Simulation::load(const Grains& grains) {
     const std::size_t n = grains.size();
-    const auto bad = [](std::size_t row, const std::string& what) {
-        throw Error(ExitCode::input_invalid, fmt::format("particle {}: {}", row, what));
+    const std::vector<std::uint64_t> counts = world_.gather(std::uint64_t{n});
+    block_start_.assign(1, 0);
+    for (const std::uint64_t count : counts)
+        block_start_.push_back(block_start_.back() + count);
+    total_ = block_start_.back();
+    const std::uint64_t first = first_id();
+    const auto bad = [first](std::size_t row, const std::string& what) {
+        throw Error(ExitCode::input_invalid, fmt::format("particle {}: {}", first + row, what));
     };
     ParticleColumns& p = particles_;
     p.owned = n;
@@ -157,10 +178,10 @@ void Simulation::load(const Grains& grains) {
         p.bodies[row].velocity = Record(v, mass);
         p.bodies[row].angular_velocity = Record(w, 0.4 * mass * r * r);
         p.bodies[row].half_kick = {};
-        p.id[row] = row;
+        p.id[row] = first + row;
         largest_radius_ = std::max(largest_radius_, r);
         smallest_radius_ = std::min(smallest_radius_, r);
-        mean_radius_ += r / static_cast<double>(n);
+        mean_radius_ += r / static_cast<double>(total_);
         if (fixed)
             continue;
         ++mobile_;
@@ -168,12 +189,41 @@ void Simulation::load(const Grains& grains) {
         if (!quickest || grain.time < quickest->time)
             quickest = grain;
     }
-    if (n == 0)
+    if (total_ == 0)
         throw Error(ExitCode::input_invalid, "the model has no particles");
-    time_step_ = choose_time_step(
-        scene_,
-        quickest.value_or(quickness(scene_, scene_.material, smallest_radius_, p.bodies[0].velocity.w)),
-        kernel_.traits.tangential);
+    reduce_properties(quickest);
+    time_step_ = choose_time_step(scene_, *quickest, kernel_.traits.tangential);
+}
+
+/// What is known of this rank's grains becomes what is true of all ranks'.
+void Simulation::reduce_properties(std::optional<QuickestGrain>& quickest) {
+    struct Properties {
+        std::optional<QuickestGrain> quickest;
+        double largest, smallest, mean, mass_of_smallest;
+        std::size_t mobile;
+        Census census;
+    } mine{quickest, largest_radius_, smallest_radius_, mean_radius_, 0, mobile_, count_all()};
+    for (std::size_t row = 0; row < particles_.owned; ++row)
+        if (particles_.bodies[row].position.w == smallest_radius_)
+            mine.mass_of_smallest = particles_.bodies[row].velocity.w;
+    mobile_ = 0;
+    mean_radius_ = 0;
+    id_sum_ = 0;
+    double mass = 0;
+    for (const Properties& other : world_.gather(mine)) {
+        largest_radius_ = std::max(largest_radius_, other.largest);
+        if (other.smallest <= smallest_radius_) {
+            smallest_radius_ = other.smallest;
+            mass = std::max(mass, other.mass_of_smallest);
+        }
+        mean_radius_ += other.mean;
+        mobile_ += other.mobile;
+        id_sum_ += other.census.ids;
+        if (other.quickest && (!quickest || other.quickest->time < quickest->time))
+            quickest = other.quickest;
+    }
+    if (!quickest) // nothing moves
+        quickest = quickness(scene_, scene_.material, smallest_radius_, mass);
 }
 
 void Simulation::make_constants() {
@@ -228,6 +278,7 @@ void Simulation::set_initial_contacts() {
 }
 
 void Simulation::step() {
+    const double start = world_.alone() ? 0 : seconds_of_thread();
     if (current_)
         move();
     else
@@ -235,6 +286,8 @@ void Simulation::step() {
     current_ = false;
     finish_move();
     ++step_;
+    if (!world_.alone())
+        busy_ += seconds_of_thread() - start;
     keep_lists_valid();
 }
 
@@ -303,7 +356,8 @@ void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool a
                     pairs_.copy_record(pairs.first_slot + far_pairs_[f] - k, list_.labels()[far_pairs_[f]]);
                 if (add_forces)
                     for (std::size_t pair = k; pair < done; ++pair)
-                        if (pairs_.state[pair] & contact::contact_active)
+                        if ((pairs_.state[pair] & (contact::contact_active | counted_elsewhere)) ==
+                            contact::contact_active)
                             tallies_[t].contact_force.add(norm(pairs_.force_in(pairs.first_slot + pair - k)));
                 const std::size_t complete = std::clamp(complete_rows_[done / sweep_block], row, last_row);
                 advance(work, row, complete, advanced_[t]);
@@ -321,10 +375,9 @@ void Simulation::compute_forces(double history_step) {
         if (particles_.species[row] == Species::fixed)
             net_.acceleration[row] = net_.angular_acceleration[row] = {};
     for_blocks(history_step, advance_work(nullptr, &net_), true);
-    ExactSum sum(record_scale());
+    contact_force_ = ExactSum(record_scale());
     for (const Tally& tally : tallies_)
-        sum.add(tally.contact_force);
-    contact_force_ = sum.value();
+        contact_force_.add(tally.contact_force);
     current_ = true;
 }
 
@@ -414,9 +467,11 @@ void Simulation::check_passing() const {
         const Vec3 x = p.bodies[i].position.vec(), move = dt * p.bodies[i].velocity.vec();
         if (norm(move) > 1e6 * smallest_radius_)
             stop(i, "beyond all bounds");
+        if (!world_.alone() && norm(move) > 2 * largest_outer_share())
+            stop(i, "further than its rank sees the particles of other ranks");
         if (walls_.reached(x, p.bodies[i].position.w, move, allowed))
             stop(i, "into a wall");
-        for (std::uint32_t j = 0; j < p.owned; ++j) {
+        for (std::uint32_t j = 0; j < p.known(); ++j) {
             const Vec3 way =
                 dt * (p.bodies[j].velocity.vec() - p.bodies[i].velocity.vec()); // of j seen from i
             const double length2 = norm2(way);

@@ -6,11 +6,15 @@
 #include "engine/scene.hpp"
 #include "engine/time_step.hpp"
 #include "engine/wall_contacts.hpp"
+#include "parallel/communicator.hpp"
+#include "parallel/domains.hpp"
+#include "parallel/halo.hpp"
 #include "parallel/periodic_images.hpp"
 #include "particles/grains.hpp"
 #include "search/candidate_list.hpp"
 #include "search/local_motion.hpp"
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -39,13 +43,15 @@ struct RestState {
     double coordination_number = 0;      ///< 2 contacts / mobile particles, walls not counted
 };
 
-/// State by particle id, as files want it.
+/// State by particle id, as files want it: of this rank's block of ids (see Simulation).
 struct Snapshot {
     std::vector<Vec3> position, velocity, angular_velocity, force;
 };
 
 /// Everything that the next step depends on, in storage-independent form: particles by id, contacts by id
-/// pair.
+/// pair. A rank has its block of ids, the contacts and wall contacts of which it has the first particle, and
+/// (like all) the ledger and the scalars; put together in the order of ranks it is the same on any number of
+/// ranks.
 struct SavedState {
     std::int64_t step = 0;
     std::vector<Vec3> position, half_velocity, half_angular_velocity, acceleration, angular_acceleration;
@@ -54,7 +60,7 @@ struct SavedState {
     std::vector<std::array<std::int32_t, 3>> image;
     std::vector<std::array<std::uint64_t, 2>> contact_pair;
     std::vector<std::array<std::int8_t, 3>>
-        contact_image; ///< of the second against the first, wrapped positions
+        contact_image; ///< box lengths of the second against the first, wrapped positions
     std::vector<Vec3> contact_displacement;
     std::vector<double> contact_offset;
     std::vector<std::uint8_t> contact_state;
@@ -66,19 +72,26 @@ struct SavedState {
     std::vector<double> scalars;      ///< reference energy, largest energy, ...
 };
 
-/// A discrete element run: the step of physics.md over one domain. Time integration is velocity Verlet with
-/// the forces' velocities predicted to the full step and the tangential history advanced with half-step
-/// velocities and normals: second order throughout.
+/// A discrete element run: the step of physics.md over one domain, or over the domains of several ranks. Time
+/// integration is velocity Verlet with the forces' velocities predicted to the full step and the tangential
+/// history advanced with half-step velocities and normals: second order throughout.
 ///
 /// Between steps: positions at the full step t, velocities at t - dt/2. Forces at t are computed in the next
 /// step, in one sweep with the move that they cause, or as soon as somebody asks for anything that depends on
 /// them.
+///
+/// With several ranks each computes the particles in its part of space and has copies of those near by; pairs
+/// of two ranks' particles are computed on both, with the same bits. All public members but the plain
+/// getters are then collective: to be called by all ranks in the same order. What goes in and out by particle
+/// is in blocks of ids: rank r has [first_id(), first_id() + block_size()), the grains it was given.
 class Simulation {
 public:
     /// @throws Error(configuration_invalid) for a step above the stable limit, a box too small for its
     /// grains,
     ///         Error(input_invalid) for grains that are not numbers or outside the box.
-    Simulation(const Scene& scene, const Grains& grains, ThreadTeam& team);
+    /// @param grains this rank's block: the model's particles are those of rank 0, then those of rank 1, ...
+    Simulation(const Scene& scene, const Grains& grains, ThreadTeam& team,
+               const parallel::Communicator& world = {});
     ~Simulation();
 
     /// One time step, read top-down like the paper: push, add up, move, list.
@@ -86,8 +99,24 @@ public:
     /// Computes the forces at the present time, where that has not been done; all that reports state does it.
     void evaluate();
 
-    std::size_t size() const { return particles_.owned; }
+    std::size_t size() const { return total_; } ///< particles of all ranks
+    std::uint64_t first_id() const { return block_start_[rank()]; }
+    std::size_t block_size() const { return block_start_[rank() + 1] - block_start_[rank()]; }
+    std::size_t owned() const { return particles_.owned; } ///< particles that this rank computes now
+    std::size_t halo() const { return particles_.halo; }   ///< copies of others' that it has
+    std::size_t halo_bytes_per_step() const { return halo_.bytes_per_step(); }
+    std::size_t halo_neighbours() const { return halo_.neighbours(); }
+    /// s, that this rank has computed since the start, and how often domains were cut anew.
+    double busy_time() const { return busy_; }
+    std::size_t recuts() const { return recuts_; }
     std::size_t mobile_count() const { return mobile_; }
+
+    /// For whoever must decide alike on all ranks: bits that any rank has asked for before the last step.
+    void ask(unsigned bits) { asking_ |= bits; }
+    unsigned asked() const { return asked_; }
+    /// Whether it holds on any rank.
+    bool any_rank(bool here) const { return world_.any(here) != 0; }
+
     std::int64_t steps() const { return step_; }
     double time() const { return static_cast<double>(step_) * time_step_.step; }
     const TimeStep& time_step() const { return time_step_; }
@@ -104,31 +133,55 @@ public:
     RestState rest_state() const;
     bool at_rest(const RestState& state) const;
     Snapshot snapshot() const;
-    std::vector<Vec3> wall_forces() const { return evaluated().walls_.forces(particles_); }
-    std::vector<Vec3> wall_torques() const { return evaluated().walls_.torques(particles_); }
+    struct WallLoad {
+        Vec3 force, torque; ///< N; N m about the wall's point
+    };
+    std::vector<WallLoad> wall_loads() const;
 
-    std::size_t contacts() const { return evaluated().contacts_; }
-    std::size_t candidates() const { return list_.size(); }
-    std::size_t outer_candidates() const { return list_.outer_size(); }
+    std::size_t contacts() const { return world_.sum(evaluated().contacts_); }
+    std::size_t candidates() const { return world_.sum(list_.size()); }
+    std::size_t outer_candidates() const { return world_.sum(list_.outer_size()); }
     std::size_t bonds() const;
     std::size_t list_rebuilds() const { return rebuilds_; }
     /// How often the close list was made anew from the outer one.
     std::size_t list_refreshes() const { return refreshes_; }
     /// Bytes held for particles, pairs and lists.
     std::size_t memory() const;
-    /// Bonds broken since the last call, in the order of (step, i, j), as far as forces have been computed.
+    /// Bonds broken since the last call, in the order of (step, i, j), as far as forces have been computed;
+    /// all of them on rank 0, none on the others.
     std::vector<BondBreak> take_breaks();
+    /// Whether any may have broken before the last step; not collective.
+    bool has_breaks() const;
 
     SavedState save() const;
     void restore(const SavedState& state);
 
 private:
+    /// A pair's history on its way to another rank or into another list.
+    struct CarriedPair {
+        search::KeyedPair key;
+        contact::History history;
+    };
+    struct CarriedWall {
+        std::uint64_t id, wall;
+        contact::History history;
+    };
+    struct Carried {
+        std::vector<CarriedPair> pairs;
+        std::vector<CarriedWall> walls;
+        bool restored = false;      ///< from a checkpoint, of
+        std::uint64_t expected = 0; ///< contacts in all
+    };
+    /// Asked for by the engine itself, beside what the outside asks.
+    static constexpr unsigned bonds_broke = 1u << 16;
     /// Pairs whose forces are computed before the particles they complete are moved: 16 kB of forces.
     static constexpr std::size_t sweep_block = search::CandidateList::block;
     /// Blocks whose records are kept before their slots are used again: 320 kB.
     static constexpr std::size_t ring_blocks = 20;
 
+    std::size_t rank() const { return static_cast<std::size_t>(world_.rank()); }
     void load(const Grains& grains);
+    void reduce_properties(std::optional<QuickestGrain>& quickest);
     void make_constants();
     void set_initial_contacts();
     const Simulation& evaluated() const {
@@ -156,6 +209,7 @@ private:
     void finish_move();
     std::size_t count_bonds() const;
     void keep_lists_valid();
+    unsigned agree(unsigned bits);
     struct Displacement {
         double outer = 0; ///< of a particle's share of the outer skin, with its close share
         double used = 0;  ///< of a particle's share of the close skin
@@ -169,7 +223,9 @@ private:
     Vec3 moved_against_others(std::size_t row) const;
     void take_close_list();
     void adapt_skins(bool outer);
-    void rebuild(bool all_bonds);
+    void rebuild(bool all_bonds) { rebuild(all_bonds, Carried()); }
+    void rebuild(bool all_bonds, Carried carried);
+    void mark_pairs_counted_elsewhere();
     void refresh();
     search::CandidateList::Live live() const;
     void compute_forces(double history_step);
@@ -181,18 +237,46 @@ private:
     void check_passing() const;
     std::string near_particles(std::size_t row) const;
     void add_viscous_power();
-    std::vector<std::uint32_t> rows_by_id() const;
     Vec3 unwrapped(std::size_t row) const;
     Vec3 full_velocity(std::size_t row) const;
     Vec3 full_angular_velocity(std::size_t row) const;
     void collect_tallies(bool first);
-    void find_contacts_again(const SavedState& state);
+
+    // Several ranks (ranks.cpp).
+    /// What must be the same before and after particles changed rank, summed over all ranks.
+    struct Census {
+        std::uint64_t particles = 0, ids = 0, pairs = 0, keys = 0;
+        void add_pair(std::uint64_t i, std::uint64_t j, bool bonded);
+    };
+    void cut_domains();
+    void recut_where_unbalanced();
+    std::vector<int> destinations() const;
+    /// Sends particles with their histories where they belong. `wrapped` and what is returned as rebuild()
+    /// has them.
+    std::vector<std::uint32_t> change_ranks(std::vector<std::array<std::int8_t, 3>>& wrapped,
+                                            Carried& carried);
+    Census count_all() const;
+    void give_walls(const std::vector<CarriedWall>& walls);
+    void check_census(const Census& before, const Census& dropped) const;
+    void update_halo();
+    void share_motion();
+    std::size_t home_of(std::uint64_t id) const;
+    /// Rank that owns each particle of this rank's block.
+    std::vector<int> owners_of_block() const;
+    template <class Make, class Take>
+    void send_home(Make make, Take take) const;
+    template <class Make, class Take>
+    void send_to_owners(Make make, Take take) const;
+    Carried restored_contacts(const SavedState& state) const;
 
     Scene scene_;
     ThreadTeam& team_;
+    parallel::Communicator world_;
     ConstantsTable constants_;
     KernelChoice kernel_;
     parallel::PeriodicImages images_;
+    parallel::Domains domains_;
+    parallel::Halo halo_;
     ParticleColumns particles_;
     PairColumns pairs_;
     search::CandidateList list_;
@@ -208,9 +292,16 @@ private:
     double wall_travel_ = 0;           ///< m, of the walls since the outer list was made
     double wall_used_ = 0;             ///< m, by which anybody can have come nearer to a wall since then
     double viscous_damping_ = 0;
-    bool current_ = false; ///< the forces are those at the present time
+    bool current_ = false;                 ///< the forces are those at the present time
+    std::uint64_t total_ = 0, id_sum_ = 0; ///< particles of all ranks, and a sum over hashes of their ids
+    std::vector<std::uint64_t> block_start_{0, 0}; ///< first id of each rank's block
+    unsigned asking_ = 0, asked_ = 0;
+    double busy_ = 0, busy_at_cut_ = 0; ///< s
+    std::int64_t last_cut_ = 0;         ///< step
+    std::size_t recuts_ = 0;
     std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, refreshes_ = 0, intact_bonds_ = 0;
-    search::LocalMotion motion_; ///< when the outer list was made
+    search::LocalMotion motion_;  ///< when the outer list was made
+    double motion_holds_for_ = 0; ///< s, on all ranks
     Vec3 listed_origin_;
     double listed_rounding_ = 0; ///< m, of listed_
     std::vector<std::array<float, 3>>
@@ -224,7 +315,7 @@ private:
     std::vector<std::uint8_t> hold_;         ///< [owned] rows that do not move with the sweep
     std::vector<std::vector<std::uint32_t>> late_; ///< by thread: rows that wait for pairs of others
     NetColumns net_;                       ///< what acts at the present time, where the forces are current
-    double contact_force_ = 0;             ///< N, sum over pairs of the magnitudes then
+    ExactSum contact_force_;               ///< N, sum over pairs of the magnitudes then
     std::vector<std::uint32_t> far_pairs_; ///< whose records outlive the ring, in rising order
     std::vector<std::size_t> far_start_;   ///< the first of each block
     std::vector<Advanced> advanced_;       ///< by thread
@@ -236,7 +327,6 @@ private:
     };
     enum Power { damping_power, tangential_power, viscous_power, supplied_power, powers };
     std::array<Integral, powers> integrals_;
-    double integral(Power which) const;
     ExactSum fractured_;
     double start_potential_ = 0, start_energy_ = 0;
     mutable double largest_energy_ = 0;

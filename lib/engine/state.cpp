@@ -4,36 +4,111 @@
 #include "engine/simulation.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <fmt/format.h>
 #include <tuple>
+#include <unordered_map>
 
 namespace talus::engine {
 
-std::vector<std::uint32_t> Simulation::rows_by_id() const {
-    std::vector<std::uint32_t> row_of(particles_.owned);
-    for (std::uint32_t row = 0; row < particles_.owned; ++row)
-        row_of[particles_.id[row]] = row;
-    return row_of;
+namespace {
+
+/// A particle's part of a frame.
+struct FrameRow {
+    std::uint64_t id;
+    Vec3 position, velocity, angular_velocity, force;
+};
+
+/// A particle's part of a checkpoint.
+struct ParticleRow {
+    std::uint64_t id;
+    Vec3 position, half_velocity, half_angular_velocity, acceleration, angular_acceleration;
+    float damping_load;
+    HalfKick half_kick;
+    std::array<std::int32_t, 3> image;
+};
+
+struct PairRow {
+    std::uint64_t i, j;
+    std::array<std::int8_t, 3> shift;
+    contact::History history;
+    bool operator<(const PairRow& b) const { return std::tie(i, j, shift) < std::tie(b.i, b.j, b.shift); }
+};
+
+struct WallRow {
+    std::uint64_t id, wall;
+    contact::History history;
+    bool operator<(const WallRow& b) const { return std::tie(id, wall) < std::tie(b.id, b.wall); }
+};
+
+ParticleRow row_of_state(const SavedState& s, std::size_t k, std::uint64_t id) {
+    return {id,
+            s.position[k],
+            s.half_velocity[k],
+            s.half_angular_velocity[k],
+            s.acceleration[k],
+            s.angular_acceleration[k],
+            s.damping_load[k],
+            s.half_kick[k],
+            s.image[k]};
+}
+
+} // namespace
+
+/// Calls make(row) for each owned row and gives what it returns to the rank whose block has its id: there
+/// take(what) is called.
+template <class Make, class Take>
+void Simulation::send_home(Make make, Take take) const {
+    if (world_.alone()) {
+        for (std::size_t row = 0; row < particles_.owned; ++row)
+            take(make(row));
+        return;
+    }
+    std::vector<std::vector<decltype(make(0))>> to(static_cast<std::size_t>(world_.size()));
+    for (std::size_t row = 0; row < particles_.owned; ++row)
+        to[home_of(particles_.id[row])].push_back(make(row));
+    for (const auto& record : world_.exchange(to))
+        take(record);
+}
+
+/// The other way: calls take(row, what) on the rank that owns the particle.
+template <class Make, class Take>
+void Simulation::send_to_owners(Make make, Take take) const {
+    const std::vector<int> owner = owners_of_block();
+    std::vector<std::vector<decltype(make(0))>> to(static_cast<std::size_t>(world_.size()));
+    for (std::size_t k = 0; k < owner.size(); ++k)
+        to[static_cast<std::size_t>(owner[k])].push_back(make(k));
+    std::unordered_map<std::uint64_t, std::size_t> row_of;
+    for (std::size_t row = 0; row < particles_.owned; ++row)
+        row_of.emplace(particles_.id[row], row);
+    for (const auto& record : world_.exchange(to))
+        take(row_of.at(record.id), record);
 }
 
 Snapshot Simulation::snapshot() const {
     evaluated();
-    const std::size_t n = particles_.owned;
+    const std::size_t n = block_size();
     Snapshot s{std::vector<Vec3>(n), std::vector<Vec3>(n), std::vector<Vec3>(n), std::vector<Vec3>(n)};
-    for (std::size_t row = 0; row < n; ++row) {
-        const std::uint64_t id = particles_.id[row];
-        s.position[id] = unwrapped(row);
-        s.velocity[id] = full_velocity(row);
-        s.angular_velocity[id] = full_angular_velocity(row);
-        s.force[id] = particles_.bodies[row].velocity.w * net_.acceleration[row];
-    }
+    send_home(
+        [&](std::size_t row) {
+            return FrameRow{particles_.id[row], unwrapped(row), full_velocity(row),
+                            full_angular_velocity(row),
+                            particles_.bodies[row].velocity.w * net_.acceleration[row]};
+        },
+        [&](const FrameRow& f) {
+            const std::uint64_t k = f.id - first_id();
+            s.position[k] = f.position;
+            s.velocity[k] = f.velocity;
+            s.angular_velocity[k] = f.angular_velocity;
+            s.force[k] = f.force;
+        });
     return s;
 }
 
 SavedState Simulation::save() const {
     evaluated();
     const ParticleColumns& p = particles_;
-    const std::size_t n = p.owned;
+    const std::size_t n = block_size();
     SavedState s;
     s.step = step_;
     s.position.resize(n);
@@ -44,76 +119,93 @@ SavedState Simulation::save() const {
     s.damping_load.resize(n);
     s.half_kick.resize(n);
     s.image.resize(n);
-    std::vector<std::array<std::int8_t, 3>> wraps(n); // box lengths to take off each row to bring it inside
+    // Box lengths to take off a known row's owner to bring it inside.
     const Box& box = images_.box();
-    for (std::size_t row = 0; row < n; ++row) {
-        const std::uint64_t id = p.id[row];
-        Vec3 x = p.bodies[row].position.vec();
-        auto image = p.image[row];
+    const auto wraps = [&](std::uint32_t row) {
+        std::array<std::int8_t, 3> lengths{};
         for (int k = 0; k < 3; ++k) {
             const auto d = static_cast<std::size_t>(k);
             if (!box.periodic[d])
                 continue;
-            const double edge = box.upper[k] - box.lower[k];
-            const double lengths = std::floor((x[k] - box.lower[k]) / edge);
-            x[k] -= lengths * edge;
-            wraps[row][d] = static_cast<std::int8_t>(lengths);
-            image[d] += static_cast<std::int32_t>(lengths);
+            const double edge = box.upper[k] - box.lower[k],
+                         x = p.bodies[row].position.vec()[k] - p.shift(row)[d] * edge;
+            lengths[d] = static_cast<std::int8_t>(std::floor((x - box.lower[k]) / edge));
         }
-        s.position[id] = x;
-        s.image[id] = image;
-        s.half_kick[id] = p.bodies[row].half_kick;
-        s.half_velocity[id] = p.bodies[row].velocity.vec();
-        s.half_angular_velocity[id] = p.bodies[row].angular_velocity.vec();
-        s.acceleration[id] = net_.acceleration[row];
-        s.angular_acceleration[id] = net_.angular_acceleration[row];
-        s.damping_load[id] = net_.damping_load[row];
-    }
+        return lengths;
+    };
+    send_home(
+        [&](std::size_t row) {
+            ParticleRow r{p.id[row],
+                          p.bodies[row].position.vec(),
+                          p.bodies[row].velocity.vec(),
+                          p.bodies[row].angular_velocity.vec(),
+                          net_.acceleration[row],
+                          net_.angular_acceleration[row],
+                          net_.damping_load[row],
+                          p.bodies[row].half_kick,
+                          p.image[row]};
+            const auto lengths = wraps(static_cast<std::uint32_t>(row));
+            for (int k = 0; k < 3; ++k)
+                if (const int whole = lengths[static_cast<std::size_t>(k)]; whole != 0) {
+                    r.position[k] -= whole * (box.upper[k] - box.lower[k]);
+                    r.image[static_cast<std::size_t>(k)] += whole;
+                }
+            return r;
+        },
+        [&](const ParticleRow& r) {
+            const std::uint64_t k = r.id - first_id();
+            s.position[k] = r.position;
+            s.half_velocity[k] = r.half_velocity;
+            s.half_angular_velocity[k] = r.half_angular_velocity;
+            s.acceleration[k] = r.acceleration;
+            s.angular_acceleration[k] = r.angular_acceleration;
+            s.damping_load[k] = r.damping_load;
+            s.half_kick[k] = r.half_kick;
+            s.image[k] = r.image;
+        });
 
-    std::vector<std::tuple<std::uint64_t, std::uint64_t, std::array<std::int8_t, 3>, std::size_t>> live;
+    std::vector<std::vector<PairRow>> pairs_to(static_cast<std::size_t>(world_.size()));
+    const search::CandidateList::Live is_live = live();
     for (std::size_t k = 0; k < list_.size(); ++k) {
-        const search::Candidate c = list_.candidates()[k];
-        const bool keeps = (pairs_.state[k] & (contact::contact_active | contact::bond_intact)) ||
-                           (!pairs_.offset.empty() && pairs_.offset[k] != 0);
-        if (!keeps)
+        if (!is_live(k) || (pairs_.state[k] & counted_elsewhere))
             continue;
+        const search::Candidate c = list_.candidates()[k];
+        const auto wraps_i = wraps(p.owner(c.i)), wraps_j = wraps(p.owner(c.j));
         auto shift = p.shift(c.j);
         for (std::size_t d = 0; d < 3; ++d)
-            shift[d] = static_cast<std::int8_t>(shift[d] - p.shift(c.i)[d] + wraps[p.owner(c.j)][d] -
-                                                wraps[p.owner(c.i)][d]);
-        live.emplace_back(p.id[c.i], p.id[c.j], shift, k);
+            shift[d] = static_cast<std::int8_t>(shift[d] - p.shift(c.i)[d] + wraps_j[d] - wraps_i[d]);
+        pairs_to[home_of(p.id[c.i])].push_back({p.id[c.i], p.id[c.j], shift, pairs_.load(k)});
     }
-    std::sort(live.begin(), live.end());
-    for (const auto& [i, j, shift, k] : live) {
-        const contact::History h = pairs_.load(k);
-        s.contact_pair.push_back({i, j});
-        s.contact_image.push_back(shift);
-        s.contact_displacement.push_back(h.tangential_displacement);
-        s.contact_offset.push_back(h.offset);
-        s.contact_state.push_back(h.state);
+    std::vector<PairRow> pairs = world_.exchange(pairs_to);
+    std::sort(pairs.begin(), pairs.end());
+    for (const PairRow& pair : pairs) {
+        s.contact_pair.push_back({pair.i, pair.j});
+        s.contact_image.push_back(pair.shift);
+        s.contact_displacement.push_back(pair.history.tangential_displacement);
+        s.contact_offset.push_back(pair.history.offset);
+        s.contact_state.push_back(pair.history.state);
     }
-    std::vector<std::tuple<std::uint64_t, std::uint32_t, std::size_t>> touching;
-    const auto walls = walls_.entries();
-    for (std::size_t k = 0; k < walls.size(); ++k)
-        if (walls[k].history.state != 0 || walls[k].history.offset != 0)
-            touching.emplace_back(p.id[walls[k].row], walls[k].wall, k);
-    std::sort(touching.begin(), touching.end());
-    for (const auto& [id, wall, k] : touching) {
-        s.wall_pair.push_back({id, wall});
-        s.wall_displacement.push_back(walls[k].history.tangential_displacement);
-        s.wall_offset.push_back(walls[k].history.offset);
-        s.wall_state.push_back(walls[k].history.state);
+    std::vector<std::vector<WallRow>> walls_to(static_cast<std::size_t>(world_.size()));
+    for (const WallContacts::Entry& e : walls_.entries())
+        if (e.history.state != 0 || e.history.offset != 0)
+            walls_to[home_of(p.id[e.row])].push_back({p.id[e.row], e.wall, e.history});
+    std::vector<WallRow> walls = world_.exchange(walls_to);
+    std::sort(walls.begin(), walls.end());
+    for (const WallRow& wall : walls) {
+        s.wall_pair.push_back({wall.id, wall.wall});
+        s.wall_displacement.push_back(wall.history.tangential_displacement);
+        s.wall_offset.push_back(wall.history.offset);
+        s.wall_state.push_back(wall.history.state);
     }
-    const auto put = [&](const ExactSum& sum) {
+    std::vector<ExactSum> sums;
+    for (const Integral& i : integrals_)
+        sums.insert(sums.end(), {i.sum, i.first, i.last});
+    sums.push_back(fractured_);
+    world_.sum(sums);
+    for (const ExactSum& sum : sums) {
         s.ledger.push_back(sum.high_bits());
         s.ledger.push_back(sum.low_bits());
-    };
-    for (const Integral& i : integrals_) {
-        put(i.sum);
-        put(i.first);
-        put(i.last);
     }
-    put(fractured_);
     s.scalars = {start_energy_, largest_energy_, viscous_damping_, start_potential_};
     for (std::size_t w = 0; w < walls_.count(); ++w)
         for (int k = 0; k < 3; ++k)
@@ -122,8 +214,7 @@ SavedState Simulation::save() const {
 }
 
 void Simulation::restore(const SavedState& s) {
-    ParticleColumns& p = particles_;
-    const std::size_t n = p.owned;
+    const std::size_t n = block_size();
     if (s.position.size() != n || s.scalars.size() != 4 + 3 * walls_.count() ||
         s.ledger.size() != 2 * (3 * integrals_.size() + 1))
         throw Error(
@@ -133,32 +224,35 @@ void Simulation::restore(const SavedState& s) {
                 "model and scene it was made with",
                 s.position.size(), n));
     step_ = s.step;
-    for (std::size_t id = 0; id < n; ++id)
-        if (!is_finite(s.position[id]) || !is_finite(s.half_velocity[id]) ||
-            !is_finite(s.half_angular_velocity[id]) || !is_finite(s.acceleration[id]) ||
-            !is_finite(s.angular_acceleration[id]))
+    for (std::size_t k = 0; k < n; ++k)
+        if (!is_finite(s.position[k]) || !is_finite(s.half_velocity[k]) ||
+            !is_finite(s.half_angular_velocity[k]) || !is_finite(s.acceleration[k]) ||
+            !is_finite(s.angular_acceleration[k]))
             throw Error(
                 ExitCode::input_invalid,
                 fmt::format("the checkpoint's particle {} has a position, velocity or acceleration that is "
                             "not a number: go on from an earlier checkpoint",
-                            id));
-    for (std::size_t row = 0; row < n; ++row) {
-        const std::uint64_t id = p.id[row];
-        p.bodies[row].position.set(s.position[id]);
-        p.bodies[row].velocity.set(s.half_velocity[id]);
-        p.bodies[row].angular_velocity.set(s.half_angular_velocity[id]);
-        p.image[row] = s.image[id];
-        p.bodies[row].half_kick = s.half_kick[id];
-    }
+                            first_id() + k));
+    ParticleColumns& p = particles_;
+    send_to_owners([&](std::size_t k) { return row_of_state(s, k, first_id() + k); },
+                   [&](std::size_t row, const ParticleRow& r) {
+                       p.bodies[row].position.set(r.position);
+                       p.bodies[row].velocity.set(r.half_velocity);
+                       p.bodies[row].angular_velocity.set(r.half_angular_velocity);
+                       p.bodies[row].half_kick = r.half_kick;
+                       p.image[row] = r.image;
+                   });
     for (std::size_t w = 0; w < walls_.count(); ++w)
         walls_.set_point(w, {s.scalars[4 + 3 * w], s.scalars[5 + 3 * w], s.scalars[6 + 3 * w]});
 
     // The start's contacts are not ours.
     std::fill(pairs_.state.begin(), pairs_.state.end(), std::uint8_t{0});
     std::fill(pairs_.offset.begin(), pairs_.offset.end(), 0.0);
-    intact_bonds_ = 0;
-    rebuild(true);
-    find_contacts_again(s);
+    for (WallContacts::Entry& e : walls_.entries())
+        e.history = {};
+    cut_domains();
+    rebuild(true, restored_contacts(s));
+    intact_bonds_ = count_bonds();
 
     // Pair forces are needed for reports only: compute them on a copy of the history, which stays as saved.
     // The next step starts from the saved accelerations.
@@ -171,15 +265,19 @@ void Simulation::restore(const SavedState& s) {
         walls_.entries()[k].history = kept_walls[k].history;
     intact_bonds_ = kept_bonds;
     breaks_.clear();
-    for (std::size_t row = 0; row < n; ++row) {
-        net_.acceleration[row] = s.acceleration[p.id[row]];
-        net_.angular_acceleration[row] = s.angular_acceleration[p.id[row]];
-        net_.damping_load[row] = s.damping_load[p.id[row]];
-    }
+    send_to_owners([&](std::size_t k) { return row_of_state(s, k, first_id() + k); },
+                   [&](std::size_t row, const ParticleRow& r) {
+                       net_.acceleration[row] = r.acceleration;
+                       net_.angular_acceleration[row] = r.angular_acceleration;
+                       net_.damping_load[row] = r.damping_load;
+                   });
 
     std::size_t next = 0;
-    const auto get = [&](ExactSum& sum) {
-        sum.set_bits(s.ledger[next], s.ledger[next + 1]);
+    const auto get = [&](ExactSum& sum) { // the first rank has it all
+        if (world_.rank() == 0)
+            sum.set_bits(s.ledger[next], s.ledger[next + 1]);
+        else
+            sum.reset();
         next += 2;
     };
     for (Integral& i : integrals_) {
@@ -194,10 +292,9 @@ void Simulation::restore(const SavedState& s) {
     start_potential_ = s.scalars[3];
 }
 
-void Simulation::find_contacts_again(const SavedState& s) {
-    const ParticleColumns& p = particles_;
-    const std::vector<std::uint32_t> row_of = rows_by_id();
-    const auto lost = [](std::uint64_t i, std::uint64_t j) {
+/// The checkpoint's contacts, each on the ranks that own its particles now.
+Simulation::Carried Simulation::restored_contacts(const SavedState& s) const {
+    const auto lost = [&](std::uint64_t i, std::uint64_t j) {
         throw Error(
             ExitCode::input_invalid,
             fmt::format(
@@ -205,37 +302,53 @@ void Simulation::find_contacts_again(const SavedState& s) {
                 "not belong to this model",
                 i, j));
     };
+    const auto ranks = static_cast<std::size_t>(world_.size());
+    const std::vector<int> owner = owners_of_block();
+    std::vector<std::vector<PairRow>> to_home(ranks), to_owner(ranks);
     for (std::size_t c = 0; c < s.contact_pair.size(); ++c) {
         const auto [i, j] = s.contact_pair[c];
-        if (i >= p.owned || j >= p.owned)
+        if (i >= total_ || j >= total_)
             lost(i, j);
-        const std::uint32_t holder = list_.holder(p, row_of[i], row_of[j]);
-        constexpr std::size_t block = search::CandidateList::block;
-        std::size_t k = list_.first(holder) / block * block;
-        const std::size_t last =
-            std::min((list_.first(holder + 1) + block - 1) / block * block, list_.size());
-        const auto is_it = [&](const search::Candidate& candidate) {
-            auto shift = p.shift(candidate.j);
-            for (std::size_t d = 0; d < 3; ++d)
-                shift[d] = static_cast<std::int8_t>(shift[d] - p.shift(candidate.i)[d]);
-            return p.id[candidate.i] == i && p.id[candidate.j] == j && shift == s.contact_image[c];
-        };
-        while (k < last && !is_it(list_.candidates()[k]))
-            ++k;
-        if (k == last)
-            lost(i, j);
-        pairs_.store(k, {s.contact_displacement[c], s.contact_offset[c], s.contact_state[c]});
+        const PairRow pair{
+            i, j, s.contact_image[c], {s.contact_displacement[c], s.contact_offset[c], s.contact_state[c]}};
+        const std::size_t home_i = home_of(i), home_j = home_of(j);
+        to_home[home_i].push_back(pair);
+        if (home_j != home_i)
+            to_home[home_j].push_back(pair);
     }
-    intact_bonds_ = count_bonds();
-    for (WallContacts::Entry& e : walls_.entries())
-        e.history = {};
+    for (const PairRow& pair : world_.exchange(to_home)) {
+        int sent = -1;
+        for (const std::uint64_t id : {pair.i, pair.j})
+            if (home_of(id) == rank() && owner[id - first_id()] != sent) {
+                sent = owner[id - first_id()];
+                to_owner[static_cast<std::size_t>(sent)].push_back(pair);
+            }
+    }
+    std::vector<PairRow> pairs = world_.exchange(to_owner);
+    std::sort(pairs.begin(), pairs.end());
+    Carried carried;
+    carried.restored = true;
+    for (const PairRow& pair : pairs) { // one that came from both homes is taken once
+        const search::KeyedPair key{pair.i, pair.j, {pair.shift[0], pair.shift[1], pair.shift[2]}, false};
+        if (carried.pairs.empty() ||
+            std::tie(carried.pairs.back().key.i, carried.pairs.back().key.j,
+                     carried.pairs.back().key.shift) != std::tie(key.i, key.j, key.shift))
+            carried.pairs.push_back({key, pair.history});
+    }
+    std::vector<std::vector<WallRow>> walls_home(ranks), walls_owner(ranks);
     for (std::size_t c = 0; c < s.wall_pair.size(); ++c) {
         const auto [id, wall] = s.wall_pair[c];
-        WallContacts::Entry* entry = id < p.owned ? walls_.find(row_of[id], wall) : nullptr;
-        if (entry == nullptr)
+        if (id >= total_ || wall >= walls_.count())
             lost(id, wall);
-        entry->history = {s.wall_displacement[c], s.wall_offset[c], s.wall_state[c]};
+        walls_home[home_of(id)].push_back(
+            {id, wall, {s.wall_displacement[c], s.wall_offset[c], s.wall_state[c]}});
     }
+    for (const WallRow& wall : world_.exchange(walls_home))
+        walls_owner[static_cast<std::size_t>(owner[wall.id - first_id()])].push_back(wall);
+    for (const WallRow& wall : world_.exchange(walls_owner))
+        carried.walls.push_back({wall.id, wall.wall, wall.history});
+    carried.expected = world_.sum(s.contact_pair.size());
+    return carried;
 }
 
 } // namespace talus::engine

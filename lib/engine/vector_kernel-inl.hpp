@@ -325,8 +325,9 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
         } else {
             store_records(record, records, 4);
         }
-        const M counted = F::bonds ? hn::And(active, mask_of(~broken & 0xff)) : active;
-        tally.contacts += static_cast<std::size_t>(std::popcount(now & ~broken));
+        const unsigned uncounted = broken | gather_bits(states, 7);
+        const M counted = hn::And(active, mask_of(~uncounted & 0xff));
+        tally.contacts += static_cast<std::size_t>(std::popcount(now & ~uncounted));
         dissipation.add(f.dissipation, counted, tally.dissipation);
         if constexpr (F::tangential)
             intake.add(f.tangential_intake, counted, tally.intake);

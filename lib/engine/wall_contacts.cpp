@@ -59,7 +59,7 @@ void WallContacts::rebuild(const ParticleColumns& p, double margin,
             if (distance(w, p.bodies[row].position.vec()) >= p.bodies[row].position.w + margin)
                 continue;
             Entry entry{row, w, {}, {}, {}, 0};
-            if (!old_row.empty() && !old_first.empty())
+            if (!old_row.empty() && old_row[row] + std::size_t{1} < old_first.size())
                 for (std::uint32_t k = old_first[old_row[row]]; k < old_first[old_row[row] + 1]; ++k)
                     if (old[k].wall == w)
                         entry.history = old[k].history;
@@ -137,19 +137,16 @@ void WallContacts::add_power(ExactSum& sum) const {
         sum.add(dot(e.force, walls_[e.wall].velocity));
 }
 
-std::vector<Vec3> WallContacts::totals(const ParticleColumns& p, bool torque) const {
-    std::vector<std::uint32_t> order(entries_.size());
-    for (std::uint32_t k = 0; k < order.size(); ++k)
-        order[k] = k;
-    std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
-        return p.id[entries_[a].row] < p.id[entries_[b].row];
-    });
-    std::vector<Vec3> total(walls_.size());
-    for (const std::uint32_t k : order) {
-        const Entry& e = entries_[k];
-        const Vec3 x = p.bodies[e.row].position.vec();
+std::vector<ExactSum> WallContacts::totals(const ParticleColumns& p, const Box& box, double scale) const {
+    std::vector<ExactSum> total(6 * walls_.size(), ExactSum(scale));
+    for (const Entry& e : entries_) {
+        const Vec3 x = box.wrap(p.bodies[e.row].position.vec());
         const Vec3 foot = x - distance(e.wall, x) * walls_[e.wall].normal;
-        total[e.wall] += torque ? cross(foot - walls_[e.wall].point, -e.force) : -e.force;
+        const Vec3 torque = cross(foot - walls_[e.wall].point, -e.force);
+        for (int k = 0; k < 3; ++k) {
+            total[6 * e.wall + static_cast<std::size_t>(k)].add(-e.force[k]);
+            total[6 * e.wall + 3 + static_cast<std::size_t>(k)].add(torque[k]);
+        }
     }
     return total;
 }

@@ -32,7 +32,8 @@ public:
     bool moving() const;
     void move(double dt);
 
-    /// Lists particles with distance to a wall < r + margin; keeps the history of those listed before.
+    /// Lists particles with distance to a wall < r + margin; keeps the history of those listed before, in row
+    /// old_row[row] (beyond all rows: nowhere).
     void rebuild(const ParticleColumns& p, double margin, const std::vector<std::uint32_t>& old_row);
     /// Sets the offsets so that all present overlaps are stress-free.
     void set_stress_free(const ParticleColumns& p);
@@ -68,9 +69,9 @@ public:
     /// Adds the walls' elastic energy (J) and the power the moving walls put in (W).
     void add_elastic_energy(const ParticleColumns& p, ExactSum& sum) const;
     void add_power(ExactSum& sum) const;
-    /// Force and torque about the wall's point on each wall, N and N m; sums in the order of particle id.
-    std::vector<Vec3> forces(const ParticleColumns& p) const { return totals(p, false); }
-    std::vector<Vec3> torques(const ParticleColumns& p) const { return totals(p, true); }
+    /// Force (N) and torque about the wall's point (N m) on each wall: six exact sums each, against `scale`
+    /// N. Across periodic sides the torque is that of the particles inside the box.
+    std::vector<ExactSum> totals(const ParticleColumns& p, const Box& box, double scale) const;
     Vec3 point(std::size_t wall) const { return walls_[wall].point; }
     void set_point(std::size_t wall, const Vec3& p) { walls_[wall].point = p; }
 
@@ -78,7 +79,6 @@ private:
     double distance(std::uint32_t wall, const Vec3& x) const {
         return dot(x - walls_[wall].point, walls_[wall].normal);
     }
-    std::vector<Vec3> totals(const ParticleColumns& p, bool torque) const;
 
     std::vector<PlaneWall> walls_;
     const contact::Constants& constants_of(const ParticleColumns& p, const Entry& e) const {

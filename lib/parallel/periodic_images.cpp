@@ -57,17 +57,24 @@ void PeriodicImages::copy_to_ghost(ParticleColumns& p, std::size_t ghost) const 
 }
 
 void PeriodicImages::make_ghosts(ParticleColumns& p, double reach) const {
-    p.ghost_owner.clear();
-    p.ghost_shift.clear();
-    if (any()) {
+    p.ghost_owner.resize(p.halo);
+    p.ghost_shift.resize(p.halo);
+    if (any() && p.owned > 0) {
+        Vec3 lower = p.bodies[0].position.vec(), upper = lower; // of the owned ones
+        for (std::size_t row = 0; row < p.owned; ++row) {
+            const Record& x = p.bodies[row].position;
+            lower = {std::min(lower.x, x.x), std::min(lower.y, x.y), std::min(lower.z, x.z)};
+            upper = {std::max(upper.x, x.x), std::max(upper.y, x.y), std::max(upper.z, x.z)};
+        }
+        const Vec3 edge = box_.lengths();
         for (std::size_t row = 0; row < p.owned; ++row) {
             const Vec3 x = p.bodies[row].position.vec();
             std::array<std::array<bool, 3>, 3> near{}; // [direction][shift + 1]
             for (int k = 0; k < 3; ++k) {
                 const auto d = static_cast<std::size_t>(k);
                 const bool periodic = box_.periodic[d];
-                near[d] = {periodic && box_.upper[k] - x[k] <= reach, true,
-                           periodic && x[k] - box_.lower[k] <= reach};
+                near[d] = {periodic && x[k] - edge[k] >= lower[k] - reach, true,
+                           periodic && x[k] + edge[k] <= upper[k] + reach};
             }
             for (int sx = -1; sx <= 1; ++sx)
                 for (int sy = -1; sy <= 1; ++sy)
@@ -95,19 +102,19 @@ void PeriodicImages::make_ghosts(ParticleColumns& p, double reach) const {
         grow(p.half_motion);
     if (!p.material.empty()) {
         p.material.resize(rows);
-        for (std::size_t g = 0; g < p.ghosts(); ++g)
+        for (std::size_t g = p.halo; g < p.ghosts(); ++g)
             p.material[p.owned + g] = p.material[p.ghost_owner[g]];
     }
-    for (std::size_t g = 0; g < p.ghosts(); ++g) {
+    for (std::size_t g = p.halo; g < p.ghosts(); ++g) {
         p.id[p.owned + g] = p.id[p.ghost_owner[g]];
         copy_to_ghost(p, g);
     }
 }
 
 void PeriodicImages::update_ghosts(ParticleColumns& p, ThreadTeam& team) const {
-    team.for_range(p.ghosts(), [&](std::size_t begin, std::size_t end, int) {
+    team.for_range(p.ghosts() - p.halo, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t g = begin; g < end; ++g)
-            copy_to_ghost(p, g);
+            copy_to_ghost(p, p.halo + g);
     });
 }
 

@@ -36,10 +36,11 @@ public:
     /// Takes whole box lengths off owned positions; `wrapped[row]` says how many (added to `image` as well).
     void wrap(ParticleColumns& p, std::vector<std::array<std::int8_t, 3>>& wrapped) const;
 
-    /// Makes ghosts of every owned particle within `reach` (m) of a periodic face.
+    /// Makes ghosts of every owned particle that a periodic face brings within `reach` (m) of where owned
+    /// particles are; they come behind the halo.
     void make_ghosts(ParticleColumns& p, double reach) const;
 
-    /// Brings the ghosts' positions and velocities up to their owners'.
+    /// Brings the images' positions and velocities up to their owners'.
     void update_ghosts(ParticleColumns& p, ThreadTeam& team) const;
     /// The same for some of them (counted from the first ghost).
     void update_ghosts(ParticleColumns& p, std::span<const std::uint32_t> which, ThreadTeam& team) const;

@@ -61,20 +61,21 @@ struct alignas(64) Body {
     Record angular_velocity; ///< rad s-1 at the last half step; w: moment of inertia, kg m2
 };
 
-/// The engine's particles, column by column. Rows [0, owned) are this domain's own, in a space-filling order;
-/// rows [owned, size) are ghosts: periodic images (later also copies from other ranks) of owned rows.
+/// The engine's particles, column by column. Rows [0, owned) are this rank's own, in a space-filling order.
+/// Rows [owned, size) are ghosts: first the halo, rows [owned, known), copies of other ranks' particles near
+/// by, which have properties of their own; then periodic images of owned rows.
 struct ParticleColumns {
     Column<Body> bodies;
     Column<HalfMotion> half_motion;     ///< with mixed precision only
     std::vector<std::uint64_t> id;      ///< global id = row in every file
     std::vector<std::uint8_t> material; ///< index into the scene's materials; empty where there is one
 
-    std::vector<Species> species; ///< owned rows
+    std::vector<Species> species; ///< known rows, like the next two
     std::vector<std::uint8_t> release;
     std::vector<std::array<std::int32_t, 3>> image; ///< box lengths taken off by wrapping so far
 
-    std::vector<std::uint32_t> ghost_owner;              ///< owned row of each ghost
-    std::vector<std::array<std::int8_t, 3>> ghost_shift; ///< box lengths to add to the owner's position
+    std::vector<std::uint32_t> ghost_owner; ///< owned row of each image; a copy in the halo is its own owner
+    std::vector<std::array<std::int8_t, 3>> ghost_shift; ///< box lengths added to the owner's position
 
     /// Brings half_motion of a row up to its velocities.
     void set_half_motion(std::size_t row) {
@@ -83,10 +84,12 @@ struct ParticleColumns {
                             float(x.w * w.x), float(x.w * w.y), float(x.w * w.z), float(1 / x.w)};
     }
 
-    std::size_t owned = 0;
+    std::size_t owned = 0, halo = 0;
     std::size_t size() const { return bodies.size(); }
+    std::size_t known() const { return owned + halo; }
     std::size_t ghosts() const { return ghost_owner.size(); }
-    /// The owned row behind any row.
+    bool in_halo(std::uint32_t row) const { return row >= owned && row < known(); }
+    /// The known row behind any row.
     std::uint32_t owner(std::uint32_t row) const { return row < owned ? row : ghost_owner[row - owned]; }
     std::array<std::int8_t, 3> shift(std::uint32_t row) const {
         return row < owned ? std::array<std::int8_t, 3>{} : ghost_shift[row - owned];

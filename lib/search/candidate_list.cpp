@@ -8,6 +8,7 @@
 #include <cmath>
 #include <numeric>
 #include <tuple>
+#include <unordered_map>
 
 namespace talus::search {
 
@@ -37,13 +38,28 @@ Shift operator-(Shift a, const Shift& b) {
     return a;
 }
 
+std::array<std::int32_t, 3> unwrapped_shift(const ParticleColumns& p, const Candidate& c) {
+    const Shift i = p.shift(c.i), j = p.shift(c.j);
+    const auto &image_i = p.image[p.owner(c.i)], &image_j = p.image[p.owner(c.j)];
+    std::array<std::int32_t, 3> shift;
+    for (std::size_t d = 0; d < 3; ++d)
+        shift[d] = j[d] - i[d] - image_j[d] + image_i[d];
+    return shift;
+}
+
 std::uint32_t add(std::uint32_t& counter, bool shared) {
     return shared ? std::atomic_ref(counter).fetch_add(1, std::memory_order_relaxed) : counter++;
 }
 
 } // namespace
 
+KeyedPair key_of(const ParticleColumns& p, const Candidate& c) {
+    return {p.id[c.i], p.id[c.j], unwrapped_shift(p, c), true, moves(p, c.i)};
+}
+
 std::uint32_t CandidateList::holder(const ParticleColumns& p, std::uint32_t i, std::uint32_t j) const {
+    if (p.in_halo(i) || p.in_halo(j))
+        return p.in_halo(i) ? j : i;
     if (const bool i_moves = moves(p, i); i_moves != moves(p, j))
         return i_moves ? i : j;
     if (points_.size() > 1) {
@@ -63,20 +79,21 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
     for (const float s : share)
         usual_share += s / static_cast<double>(share.size());
     largest_radius_ = 0;
-    for (std::size_t row = 0; row < p.owned; ++row)
+    for (std::size_t row = 0; row < p.known(); ++row)
         largest_radius_ = std::max(largest_radius_, p.bodies[row].position.w);
     double smallest_radius = largest_radius_;
-    for (std::size_t row = 0; row < p.owned; ++row)
+    for (std::size_t row = 0; row < p.known(); ++row)
         smallest_radius = std::min(smallest_radius, p.bodies[row].position.w);
     const std::size_t classes = p.owned == 0 ? 0 : size_class(smallest_radius, largest_radius_) + 1;
-    std::vector<bool> has_fixed(classes, false);
+    // Classes with rows that do not search themselves.
+    std::vector<bool> is_found(classes, false);
     class_rows_.resize(classes);
     for (auto& rows : class_rows_)
         rows.clear();
     for (std::uint32_t row = 0; classes > 1 && row < p.size(); ++row) {
         const std::size_t c = size_class(p.bodies[row].position.w, largest_radius_);
         class_rows_[c].push_back(row);
-        has_fixed[c] = has_fixed[c] || !moves(p, row);
+        is_found[c] = is_found[c] || !moves(p, row) || p.in_halo(row);
     }
     points_.resize(classes);
     for (std::size_t c = 0; c < classes; ++c) {
@@ -110,12 +127,13 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
             const Record self = p.bodies[i].position;
             const std::size_t own = classes == 1 ? 0 : size_class(self.w, largest_radius_);
             for (std::size_t c = 0; c < points_.size(); ++c) {
-                if (points_[c].size() == 0 || (c > own && !has_fixed[c]))
+                if (points_[c].size() == 0 || (c > own && !is_found[c]))
                     continue;
                 near.clear();
                 points_[c].near(self.vec(), self.w * factor + margin + share[row], near);
                 for (const std::uint32_t j : near)
-                    if (j != i && (c < own || (c == own ? holder(p, i, j) == i : !moves(p, j))))
+                    if (j != i &&
+                        (c < own || (c == own ? holder(p, i, j) == i : !moves(p, j) || p.in_halo(j))))
                         found.push_back(j);
             }
             first_[row + 1] = static_cast<std::uint32_t>(found.size() - before);
@@ -144,15 +162,15 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
     });
 }
 
-std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::uint32_t> old_row,
-                                 std::span<const Shift> wrapped, Live live, ThreadTeam& team) {
-    if (close_size_ == 0)
-        return 0;
-    const std::size_t old_owned = old_row.size();
+CandidateList::Missed CandidateList::match(const ParticleColumns& p, std::span<const std::uint32_t> old_row,
+                                           std::size_t old_owned, std::span<const Shift> wrapped, Live live,
+                                           ThreadTeam& team) {
     fit(row_scratch_, old_owned); // the new row of each old one
-    team.for_range(old_owned, [&](std::size_t begin, std::size_t end, int) {
+    std::fill(row_scratch_.begin(), row_scratch_.end(), no_candidate);
+    team.for_range(old_row.size(), [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row)
-            row_scratch_[old_row[row]] = static_cast<std::uint32_t>(row);
+            if (old_row[row] != no_candidate)
+                row_scratch_[old_row[row]] = static_cast<std::uint32_t>(row);
     });
     const auto owner_before = [&](std::uint32_t row) {
         return row < old_owned ? row : ghost_owner_[row - old_owned];
@@ -160,13 +178,19 @@ std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::
     const auto shift_before = [&](std::uint32_t row) {
         return row < old_owned ? Shift{} : ghost_shift_[row - old_owned];
     };
-    std::atomic<std::size_t> lost{0};
-    team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<Missed> parts(static_cast<std::size_t>(team.size()));
+    team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int thread) {
+        Missed& missed = parts[static_cast<std::size_t>(thread)];
         for (std::size_t k = begin; k < end; ++k) {
             if (!live(k))
                 continue;
             const Candidate old = candidates_[k];
-            const std::uint32_t i = row_scratch_[owner_before(old.i)], j = row_scratch_[owner_before(old.j)];
+            const std::uint32_t i_before = owner_before(old.i), j_before = owner_before(old.j);
+            if (i_before >= old_owned || j_before >= old_owned)
+                continue; // with the halo: by key
+            const std::uint32_t i = row_scratch_[i_before], j = row_scratch_[j_before];
+            if (i == no_candidate || j == no_candidate)
+                continue; // left: by key
             // The image of j against i, counted in the positions after both were wrapped.
             const Shift image =
                 shift_before(old.j) - shift_before(old.i) - wrapped[i] - (Shift{} - wrapped[j]);
@@ -184,24 +208,77 @@ std::size_t CandidateList::match(const ParticleColumns& p, std::span<const std::
             if (o != no_candidate)
                 previous_of_outer_[o] = static_cast<std::uint32_t>(k);
             else if (live.state[k] & live.bound)
-                lost.fetch_add(1, std::memory_order_relaxed);
+                ++missed.bound;
+            else
+                missed.parted.push_back({std::min(p.id[i], p.id[j]), std::max(p.id[i], p.id[j])});
         }
     });
-    return lost;
+    Missed missed;
+    for (const Missed& part : parts) {
+        missed.bound += part.bound;
+        missed.parted.insert(missed.parted.end(), part.parted.begin(), part.parted.end());
+    }
+    return missed;
 }
 
-std::size_t CandidateList::rebuild(const ParticleColumns& p, double factor, double margin,
-                                   std::span<const float> outer_share, double close_factor,
-                                   std::span<const float> share, std::span<const std::uint32_t> old_row,
-                                   std::span<const Shift> wrapped, Live live, ThreadTeam& team) {
+void CandidateList::match_keyed(const ParticleColumns& p, std::span<const KeyedPair> keyed, Live live,
+                                Missed& missed) {
+    std::unordered_map<std::uint64_t, std::uint32_t> row_of;
+    for (const KeyedPair& key : keyed)
+        for (const std::uint64_t id : {key.i, key.j})
+            row_of.emplace(id, no_candidate);
+    for (std::uint32_t row = 0; row < p.owned && !keyed.empty(); ++row)
+        if (const auto it = row_of.find(p.id[row]); it != row_of.end())
+            it->second = row;
+    for (std::size_t k = 0; k < keyed.size(); ++k) {
+        const KeyedPair& key = keyed[k];
+        const auto is_it = [&](std::uint32_t holder, std::uint32_t partner) {
+            const Candidate c = by_id(p, holder, partner);
+            if (p.id[c.i] != key.i || p.id[c.j] != key.j)
+                return false;
+            if (key.unwrapped)
+                return unwrapped_shift(p, c) == key.shift;
+            const Shift shift = p.shift(c.j) - p.shift(c.i);
+            return shift[0] == key.shift[0] && shift[1] == key.shift[1] && shift[2] == key.shift[2];
+        };
+        bool needed = false, found = false;
+        for (const std::uint64_t id : {key.i, key.j}) {
+            const std::uint32_t holder = row_of.at(id);
+            if (holder == no_candidate || !moves(p, holder))
+                continue;
+            needed = true;
+            for (std::uint32_t o = first_[holder]; o < first_[holder + 1] && !found; ++o)
+                if (is_it(holder, partner_[o])) {
+                    previous_of_outer_[o] = static_cast<std::uint32_t>(close_size_ + k);
+                    found = true;
+                }
+        }
+        if (!needed || found)
+            continue;
+        if (live.state[close_size_ + k] & live.bound)
+            ++missed.bound;
+        else if (!key.first_moves || row_of.at(key.i) != no_candidate)
+            missed.parted.push_back({key.i, key.j});
+    }
+}
+
+CandidateList::Missed CandidateList::rebuild(const ParticleColumns& p, double factor, double margin,
+                                             std::span<const float> outer_share, double close_factor,
+                                             std::span<const float> share,
+                                             std::span<const std::uint32_t> old_row, std::size_t old_owned,
+                                             std::span<const Shift> wrapped, Live live,
+                                             std::span<const KeyedPair> keyed, ThreadTeam& team) {
     find(p, factor, margin, outer_share, team);
     fit(previous_of_outer_, holder_.size());
     std::fill(previous_of_outer_.begin(), previous_of_outer_.end(), no_candidate);
-    const std::size_t lost = old_row.empty() ? 0 : match(p, old_row, wrapped, live, team);
+    Missed missed;
+    if (!old_row.empty() && close_size_ > 0)
+        missed = match(p, old_row, old_owned, wrapped, live, team);
+    match_keyed(p, keyed, live, missed);
     ghost_owner_ = p.ghost_owner;
     ghost_shift_ = p.ghost_shift;
     select(p, close_factor, share, team);
-    return lost;
+    return missed;
 }
 
 void CandidateList::refresh(const ParticleColumns& p, std::span<const float> share, Live live,
@@ -291,7 +368,8 @@ void CandidateList::sort_blocks(ThreadTeam& team) {
 }
 
 void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team) {
-    // Particles that do not move need no sum: their tables stay empty.
+    // Particles that do not move need no sum: their tables stay empty. Other ranks' have none here.
+    const auto summed = [&](std::uint32_t row) { return row < p.owned && p.species[row] != Species::fixed; };
     const bool shared = team.size() > 1;
     reference_start_.resize(p.owned + 1);
     reference_start_[0] = 0;
@@ -302,7 +380,7 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
     const auto other = [&](std::size_t k) { return p.owner(partner_[outer_of_[k]]); };
     team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k)
-            if (const std::uint32_t row = other(k); p.species[row] != Species::fixed)
+            if (const std::uint32_t row = other(k); summed(row))
                 add(reference_start_[row + 1], shared);
     });
     std::partial_sum(reference_start_.begin(), reference_start_.end(), reference_start_.begin());
@@ -316,7 +394,7 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
             const auto pair = static_cast<std::uint32_t>(2 * k);
             const std::uint32_t is_second = candidates_[k].i == holder ? 0 : 1;
             references_[add(row_scratch_[holder], shared)] = {pair + is_second};
-            if (p.species[row] != Species::fixed)
+            if (summed(row))
                 references_[add(row_scratch_[row], shared)] = {pair + 1 - is_second};
         }
     });

@@ -14,7 +14,7 @@ namespace talus::search {
 
 /// Two rows that may touch before the next refresh; `i` has the lower global id. At least one of them is an
 /// owned row that can move. The other may be a ghost. A particle beside its own periodic image is paired
-/// once.
+/// once. A pair of particles of two ranks is in the list of each that owns one that moves.
 struct Candidate {
     std::uint32_t i, j;
 };
@@ -28,6 +28,19 @@ struct Reference {
 
 constexpr std::uint32_t no_candidate = ~std::uint32_t{0};
 
+/// A pair with history by its particles' global ids, i <= j, for pairs whose rows mean nothing any more.
+struct KeyedPair {
+    std::uint64_t i, j;
+    /// Box lengths between the two: to be added to j's position against i's. As positions were before any
+    /// wrapping (see ParticleColumns::image), so that it stays for as long as the pair lives; or as they are
+    /// now.
+    std::array<std::int32_t, 3> shift;
+    bool unwrapped;
+    bool first_moves = true; ///< i is not fixed
+};
+/// The key of two rows' pair.
+KeyedPair key_of(const ParticleColumns& p, const Candidate& c);
+
 /// Near pairs on two levels. The outer list holds all pairs that could touch until somebody has moved half
 /// its skin; it takes a search to make. The close list holds those of the outer list that could touch until
 /// somebody has moved half a much smaller skin, and those that carry history; it takes one pass over the
@@ -36,11 +49,11 @@ constexpr std::uint32_t no_candidate = ~std::uint32_t{0};
 /// same bits whatever the storage order, the age of the lists or the number of threads (after Nishiura &
 /// Sakaguchi, Eur. Phys. J. Special Topics 196 (2011), who use such a table to avoid write conflicts).
 ///
-/// Each pair is held by one owned row: the one that moves or, of two that do, the much smaller one or, of
-/// two alike, the lower one. Both lists are in the order of the holders' rows, so that (sizes alike) all
-/// pairs of a row stand before those of the next: it can be moved while its pairs' forces are still in the
-/// cache. Within each block of the close list, pairs with history come first, so that those without, which
-/// have nothing but a distance to be computed, stand together.
+/// Each pair is held by one owned row: the one that is owned, the one that moves or, of two that do, the much
+/// smaller one or, of two alike, the lower one. Both lists are in the order of the holders' rows, so that
+/// (sizes alike) all pairs of a row stand before those of the next: it can be moved while its pairs' forces
+/// are still in the cache. Within each block of the close list, pairs with history come first, so that those
+/// without, which have nothing but a distance to be computed, stand together.
 class CandidateList {
 public:
     /// Candidates that vector code may read beyond the last one (repetitions of it).
@@ -60,21 +73,33 @@ public:
         }
     };
 
+    /// Live pairs that a new list does not have.
+    struct Missed {
+        std::size_t bound = 0; ///< beyond the outer list's reach: their history is lost
+        /// The others, by their ids; of two ranks' pairs only those that this rank counts: it has the first
+        /// particle, or the second where the first is fixed.
+        std::vector<std::array<std::uint64_t, 2>> parted = {};
+    };
+
     /// Makes both lists: outer pairs have distance < (ri + rj) factor + margin + outer_share_i +
     /// outer_share_j, close ones distance < (ri + rj) close_factor + share_i + share_j. Afterwards
     /// `previous()[k]` tells where close pair k stood before, or `no_candidate` for pairs that were not there
     /// or not live.
     ///
     /// @param p         columns, sorted, with ghosts reaching at least the largest cutoff beyond owned rows
-    /// @param outer_share [owned] m, what each particle may move before the outer list is made anew
-    /// @param share     [owned] m, what each particle may move before the close list is made anew
-    /// @param old_row   [owned] row each owned particle had in the list before; empty at the first build
+    /// @param outer_share [known] m, what each particle may move before the outer list is made anew
+    /// @param share     [known] m, what each particle may move before the close list is made anew
+    /// @param old_row   [owned] row each owned particle had in the list before, `no_candidate` where it had
+    ///                  none; empty at the first build
+    /// @param old_owned number of owned rows then
     /// @param wrapped   [owned] box lengths taken off each owned particle since then
-    /// @returns number of bound pairs that are beyond the outer list's reach: their history is lost
-    std::size_t rebuild(const ParticleColumns& p, double factor, double margin,
-                        std::span<const float> outer_share, double close_factor, std::span<const float> share,
-                        std::span<const std::uint32_t> old_row,
-                        std::span<const std::array<std::int8_t, 3>> wrapped, Live live, ThreadTeam& team);
+    /// @param keyed     live pairs that are not matched by rows: those with a row of the halo or one that
+    /// left
+    ///                  or came. Their `previous` is the old list's size and up.
+    Missed rebuild(const ParticleColumns& p, double factor, double margin, std::span<const float> outer_share,
+                   double close_factor, std::span<const float> share, std::span<const std::uint32_t> old_row,
+                   std::size_t old_owned, std::span<const std::array<std::int8_t, 3>> wrapped, Live live,
+                   std::span<const KeyedPair> keyed, ThreadTeam& team);
     /// Makes the close list anew from the outer one.
     void refresh(const ParticleColumns& p, std::span<const float> share, Live live, ThreadTeam& team);
 
@@ -118,8 +143,9 @@ private:
     using Shift = std::array<std::int8_t, 3>;
     void find(const ParticleColumns& p, double factor, double margin, std::span<const float> share,
               ThreadTeam& team);
-    std::size_t match(const ParticleColumns& p, std::span<const std::uint32_t> old_row,
-                      std::span<const Shift> wrapped, Live live, ThreadTeam& team);
+    Missed match(const ParticleColumns& p, std::span<const std::uint32_t> old_row, std::size_t old_owned,
+                 std::span<const Shift> wrapped, Live live, ThreadTeam& team);
+    void match_keyed(const ParticleColumns& p, std::span<const KeyedPair> keyed, Live live, Missed& missed);
     void select(const ParticleColumns& p, double factor, std::span<const float> share, ThreadTeam& team);
     void sort_blocks(ThreadTeam& team);
     void build_references(const ParticleColumns& p, ThreadTeam& team);

@@ -3,34 +3,90 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace talus::search {
 
-void LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, double least,
+namespace {
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+/// Squared distance between two boxes, 0 where they overlap.
+double gap2(const Vec3& lower_a, const Vec3& upper_a, const Vec3& lower_b, const Vec3& upper_b) {
+    double sum = 0;
+    for (int k = 0; k < 3; ++k) {
+        const double gap = std::max({lower_a[k] - upper_b[k], lower_b[k] - upper_a[k], 0.0});
+        sum += gap * gap;
+    }
+    return sum;
+}
+} // namespace
+
+/// Calls body(other, steps) for the cells with particles within `distance` cells along each direction, across
+/// periodic sides too; `steps`: how many cells away along each.
+template <class Body>
+void LocalMotion::for_cells_within(std::size_t c, int distance, Body&& body) const {
+    const std::array<int, 3> n{static_cast<int>(count_[0]), static_cast<int>(count_[1]),
+                               static_cast<int>(count_[2])};
+    const auto cell = static_cast<int>(c);
+    const std::array<int, 3> at{cell % n[0], cell / n[0] % n[1], cell / (n[0] * n[1])};
+    struct Place {
+        int index, steps;
+    };
+    std::array<std::array<Place, 5>, 3> places;
+    std::array<std::size_t, 3> found{};
+    for (std::size_t k = 0; k < 3; ++k)
+        for (int off = -distance; off <= distance; ++off) {
+            int index = at[k] + off, steps = std::abs(off);
+            if (periodic_[k]) {
+                index = (index + 5 * n[k]) % n[k];
+                const int apart = std::abs(index - at[k]);
+                steps = std::min(apart, n[k] - apart);
+            } else if (index < 0 || index >= n[k]) {
+                continue; // nothing beyond an open side
+            }
+            places[k][found[k]++] = {index, steps};
+        }
+    for (std::size_t z = 0; z < found[2]; ++z)
+        for (std::size_t y = 0; y < found[1]; ++y)
+            for (std::size_t x = 0; x < found[0]; ++x) {
+                const auto other = static_cast<std::size_t>(
+                    (places[2][z].index * n[1] + places[1][y].index) * n[0] + places[0][x].index);
+                if (members_[other] > 0)
+                    body(other, std::array{places[0][x].steps, places[1][y].steps, places[2][z].steps});
+            }
+}
+
+bool LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, double spare, double least,
                         ThreadTeam& team) {
     const std::size_t n = p.owned;
+    reach_ = reach;
+    spare_ = spare;
     Vec3 lower = n > 0 ? p.bodies[0].position.vec() : Vec3{}, upper = lower;
     for (std::size_t row = 0; row < n; ++row) {
         const Record& x = p.bodies[row].position;
         lower = {std::min(lower.x, x.x), std::min(lower.y, x.y), std::min(lower.z, x.z)};
         upper = {std::max(upper.x, x.x), std::max(upper.y, x.y), std::max(upper.z, x.z)};
     }
-    for (int k = 0; k < 3; ++k)
-        if (box.periodic[static_cast<std::size_t>(k)]) {
+    // Between periodic sides the lattice goes all around, unless these particles are far from meeting there.
+    for (int k = 0; k < 3; ++k) {
+        const auto d = static_cast<std::size_t>(k);
+        periodic_[d] = box.periodic[d] && upper[k] - lower[k] + 3 * (reach + spare) >= box.lengths()[k];
+        if (periodic_[d]) {
             lower[k] = box.lower[k];
             upper[k] = box.upper[k];
         }
+    }
     const auto along = [&](int k, double edge) {
         return std::max(1.0, std::floor((upper[k] - lower[k]) / edge));
     };
     // No more cells than particles: where these are sparse, cells grow.
-    double edge = reach;
-    while (along(0, edge) * along(1, edge) * along(2, edge) > static_cast<double>(n) + 8)
-        edge *= 1.25;
-    Vec3 per_length;
+    edge_ = reach + spare;
+    while (along(0, edge_) * along(1, edge_) * along(2, edge_) > static_cast<double>(n) + 8)
+        edge_ *= 1.25;
+    lower_ = lower;
     for (int k = 0; k < 3; ++k) {
-        count_[static_cast<std::size_t>(k)] = static_cast<std::size_t>(along(k, edge));
-        per_length[k] = upper[k] > lower[k] ? along(k, edge) / (upper[k] - lower[k]) : 0;
+        count_[static_cast<std::size_t>(k)] = static_cast<std::size_t>(along(k, edge_));
+        size_[k] = std::max(upper[k] - lower[k], edge_) / along(k, edge_);
     }
     const auto [nx, ny, nz] = count_;
     fit(cell_of_, n);
@@ -39,7 +95,7 @@ void LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
             const Vec3 x = p.bodies[row].position.vec() - lower;
             const auto cut = [&](int k) {
                 const double last = static_cast<double>(count_[static_cast<std::size_t>(k)] - 1);
-                return static_cast<std::size_t>(std::clamp(x[k] * per_length[k], 0.0, last));
+                return static_cast<std::size_t>(std::clamp(x[k] / size_[k], 0.0, last));
             };
             cell_of_[row] = static_cast<std::uint32_t>((cut(2) * ny + cut(1)) * nx + cut(0));
         }
@@ -47,68 +103,135 @@ void LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
 
     const std::size_t cells = nx * ny * nz;
     std::vector<Cell> sums(cells);
-    std::vector<std::uint32_t> members(cells, 0); // of each cell
+    members_.assign(cells, 0);
     for (std::size_t row = 0; row < n; ++row) {
         Cell& cell = sums[cell_of_[row]];
         const Record& v = p.bodies[row].velocity;
         cell.vx += static_cast<float>(v.x);
         cell.vy += static_cast<float>(v.y);
         cell.vz += static_cast<float>(v.z);
-        ++members[cell_of_[row]];
+        ++members_[cell_of_[row]];
     }
     // The sums of a cell and its neighbours together make a smoother field than a few particles each, with
     // less shear.
-    const auto for_neighbours = [&](std::size_t c, auto&& body) {
-        const std::array<std::size_t, 3> at{c % nx, c / nx % ny, c / (nx * ny)};
-        // Neighbours' places along each direction; at an open side there are none beyond.
-        std::array<std::array<std::size_t, 3>, 3> next;
-        std::array<std::size_t, 3> neighbours{};
-        for (std::size_t k = 0; k < 3; ++k)
-            for (const std::size_t shifted : {at[k], at[k] + 1, at[k] + 2}) { // by one, to stay above zero
-                const bool inside = shifted >= 1 && shifted <= count_[k];
-                if (inside || box.periodic[k])
-                    next[k][neighbours[k]++] = (shifted + count_[k] - 1) % count_[k];
-            }
-        for (std::size_t z = 0; z < neighbours[2]; ++z)
-            for (std::size_t y = 0; y < neighbours[1]; ++y)
-                for (std::size_t x = 0; x < neighbours[0]; ++x)
-                    if (const std::size_t other = (next[2][z] * ny + next[1][y]) * nx + next[0][x];
-                        members[other] > 0)
-                        body(other);
-    };
     fit(cells_, cells);
     team.for_range(cells, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t c = begin; c < end; ++c) {
             Vec3 sum;
             std::uint32_t count = 0;
-            if (members[c] > 0)
-                for_neighbours(c, [&](std::size_t other) {
+            if (members_[c] > 0)
+                for_cells_within(c, 1, [&](std::size_t other, const std::array<int, 3>&) {
                     sum += sums[other].velocity();
-                    count += members[other];
+                    count += members_[other];
                 });
             const Vec3 mean = count > 0 ? sum / count : Vec3{};
             cells_[c] = {static_cast<float>(mean.x), static_cast<float>(mean.y), static_cast<float>(mean.z),
                          0};
         }
     });
-    still_ = std::all_of(cells_.begin(), cells_.end(),
-                         [least](const Cell& cell) { return norm2(cell.velocity()) <= least * least; });
-    if (still_) {
-        cells_ = {};
-        cell_of_ = {};
-        return;
+    still_ = false;
+    return std::any_of(cells_.begin(), cells_.end(),
+                       [least](const Cell& cell) { return norm2(cell.velocity()) > least * least; });
+}
+
+void LocalMotion::set_still() {
+    still_ = true;
+    holds_for_ = infinity;
+    cells_ = {};
+    cell_of_ = {};
+    members_ = {};
+}
+
+LocalMotion::Part LocalMotion::part(std::size_t c) const {
+    const std::array<std::size_t, 3> at{c % count_[0], c / count_[0] % count_[1],
+                                        c / (count_[0] * count_[1])};
+    Vec3 lower = lower_;
+    for (int k = 0; k < 3; ++k)
+        lower[k] += static_cast<double>(at[static_cast<std::size_t>(k)]) * size_[k];
+    return {lower, lower + size_, cells_[c].velocity()};
+}
+
+void LocalMotion::add_parts_near(const Vec3& lower, const Vec3& upper, const Vec3& shift,
+                                 std::vector<Part>& parts) const {
+    for (std::size_t c = 0; c < cells_.size(); ++c) {
+        if (members_[c] == 0)
+            continue;
+        Part moved = part(c);
+        moved.lower += shift;
+        moved.upper += shift;
+        if (gap2(moved.lower, moved.upper, lower, upper) < distance() * distance())
+            parts.push_back(moved);
     }
-    team.for_range(cells, [&](std::size_t begin, std::size_t end, int) {
+}
+
+std::array<Vec3, 2> LocalMotion::velocity_range() const {
+    std::array<Vec3, 2> range{Vec3{infinity, infinity, infinity}, Vec3{-infinity, -infinity, -infinity}};
+    for (std::size_t c = 0; c < cells_.size(); ++c)
+        for (int k = 0; k < 3 && members_[c] > 0; ++k) {
+            range[0][k] = std::min(range[0][k], cells_[c].velocity()[k]);
+            range[1][k] = std::max(range[1][k], cells_[c].velocity()[k]);
+        }
+    return range;
+}
+
+void LocalMotion::find_shear(std::span<const Part> beyond, const std::array<Vec3, 2>& range,
+                             ThreadTeam& team) {
+    const std::size_t cells = cells_.size();
+    // Those more than two cells apart have two whole cells to close along some direction, or what
+    // is left of a period.
+    double closing = 0;
+    for (int k = 0; k < 3; ++k)
+        closing = std::max(closing, range[1][k] - range[0][k]);
+    const double far = std::min(2 * edge_, 3 * (reach_ + spare_));
+    holds_for_ = closing > 0 ? (far - reach_) / closing : infinity;
+
+    std::vector<double> largest2(cells), shortest(static_cast<std::size_t>(team.size()), infinity);
+    const auto look_at = [&](std::size_t c, const Vec3& other, double gap, std::size_t thread) {
+        const double apart2 = norm2(cells_[c].velocity() - other);
+        if (gap <= reach_ + 0.5 * spare_)
+            largest2[c] = std::max(largest2[c], apart2);
+        else if (apart2 > 0)
+            shortest[thread] = std::min(shortest[thread], (gap - reach_) / std::sqrt(apart2));
+    };
+    team.for_range(cells, [&](std::size_t begin, std::size_t end, int thread) {
         for (std::size_t c = begin; c < end; ++c) {
-            double largest2 = 0;
-            if (members[c] > 0)
-                for_neighbours(c, [&](std::size_t other) {
-                    largest2 = std::max(largest2, norm2(cells_[c].velocity() - cells_[other].velocity()));
-                });
-            // Rounded up: it is a bound.
-            cells_[c].shear = static_cast<float>(0.5 * std::sqrt(largest2) * (1 + 1e-6));
+            if (members_[c] == 0)
+                continue;
+            for_cells_within(c, 2, [&](std::size_t other, const std::array<int, 3>& steps) {
+                double gap = 0;
+                for (int k = 0; k < 3; ++k)
+                    if (steps[static_cast<std::size_t>(k)] == 2)
+                        gap = std::max(gap, size_[k]);
+                look_at(c, cells_[other].velocity(), gap, static_cast<std::size_t>(thread));
+            });
         }
     });
+    for (const Part& other : beyond) {
+        std::array<std::array<std::size_t, 2>, 3> cut; // cells within reach of a difference
+        for (int k = 0; k < 3; ++k) {
+            const auto d = static_cast<std::size_t>(k);
+            const auto index = [&](double x) {
+                const double last = static_cast<double>(count_[d]);
+                return static_cast<std::size_t>(std::clamp((x - lower_[k]) / size_[k], 0.0, last));
+            };
+            cut[d] = {index(other.lower[k] - distance()),
+                      std::min(index(other.upper[k] + distance()) + 1, count_[d])};
+        }
+        for (std::size_t z = cut[2][0]; z < cut[2][1]; ++z)
+            for (std::size_t y = cut[1][0]; y < cut[1][1]; ++y)
+                for (std::size_t x = cut[0][0]; x < cut[0][1]; ++x) {
+                    const std::size_t c = (z * count_[1] + y) * count_[0] + x;
+                    if (members_[c] == 0)
+                        continue;
+                    const Part mine = part(c);
+                    look_at(c, other.velocity,
+                            std::sqrt(gap2(mine.lower, mine.upper, other.lower, other.upper)), 0);
+                }
+    }
+    holds_for_ = std::min(holds_for_, *std::min_element(shortest.begin(), shortest.end()));
+    for (std::size_t c = 0; c < cells; ++c) // rounded up: it is a bound
+        cells_[c].shear = static_cast<float>(0.5 * std::sqrt(largest2[c]) * (1 + 1e-6));
+    members_ = {};
 }
 
 std::size_t LocalMotion::memory() const {

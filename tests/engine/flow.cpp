@@ -65,6 +65,33 @@ TEST(Flow, NoContactIsMissedBetweenLists) {
     }
 }
 
+/// Two blocks of grains that fly towards each other from afar: in each nobody moves against his neighbours.
+TEST(Flow, WhatComesFromFarIsSeen) {
+    for (const bool periodic : {false, true}) {
+        Grains g;
+        for (int k = 0; k < 2 * 125; ++k) {
+            const bool second = k >= 125;
+            const Vec3 x = 0.0202 * Vec3{double(k % 5), double(k / 5 % 5), double(k / 25 % 5)};
+            g.position.push_back(x + (second ? Vec3{0.5, 0.003, 0.002} : Vec3{}));
+            g.radius.push_back(0.01);
+            g.velocity.push_back(
+                {(second != periodic ? -5.0 : 5.0), 0, 0}); // through the side where there is one
+        }
+        g.box = Box{{-0.25, -0.2, -0.2}, {0.85, 0.4, 0.4}, {periodic, false, false}};
+        g.species.assign(g.size(), Species::grain);
+        ThreadTeam team(1);
+        Simulation s(testing::bare_scene(), g, team);
+        std::size_t seen = 0;
+        for (int k = 0; k < 100000 && s.time() < 0.1; ++k) {
+            s.step();
+            if (k % 20 == 0)
+                seen += s.contacts();
+        }
+        EXPECT_GT(seen, 100u) << periodic;
+        EXPECT_LT(s.rest_state().rms_speed, 4.9) << periodic;
+    }
+}
+
 TEST(Flow, ListsLastAsLongForGrainsThatFlyTogether) {
     const auto rebuilds = [](const Vec3& common) {
         Scene scene = testing::bare_scene();

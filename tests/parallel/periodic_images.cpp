@@ -39,12 +39,12 @@ TEST(PeriodicImages, AddingTheEdgeIsExactSoBranchVectorsAgreeThroughAnyImage) {
 TEST(PeriodicImages, MakesEveryImageWithinReachOnce) {
     const PeriodicImages images(Box{{0, 0, 0}, {1, 1, 1}, {true, true, true}});
     ParticleColumns p =
-        particles_at(images, {{0.05, 0.5, 0.5}, {0.95, 0.02, 0.5}, {0.5, 0.5, 0.5}, {0, 0, 0}});
+        particles_at(images, {{0.05, 0.5, 0.5}, {0.95, 0.02, 0.5}, {0.5, 0.5, 0.5}, {0, 0, 0}, {0.99, 0.9, 0.99}});
     images.make_ghosts(p, 0.2);
-    std::array<int, 4> count{};
+    std::array<int, 5> count{};
     for (const auto owner : p.ghost_owner)
         ++count[owner];
-    EXPECT_EQ(count, (std::array<int, 4>{1, 3, 0, 7})); // a face, an edge, the inside, a corner
+    EXPECT_EQ(count, (std::array<int, 5>{1, 3, 0, 7, 7})); // a face, an edge, the inside, two corners
     for (std::size_t g = 0; g < p.ghosts(); ++g)
         for (int k = 0; k < 3; ++k) {
             const double x = p.bodies[p.owned + g].position.vec()[k];
@@ -53,6 +53,13 @@ TEST(PeriodicImages, MakesEveryImageWithinReachOnce) {
             EXPECT_GE(x, -0.2);
             EXPECT_LE(x, 1.2);
         }
+}
+
+TEST(PeriodicImages, MakesNoneWhereNobodyIsNear) {
+    const PeriodicImages images(Box{{0, 0, 0}, {1, 1, 1}, {true, false, false}});
+    ParticleColumns p = particles_at(images, {{0.05, 0.5, 0.5}, {0.4, 0.5, 0.5}}); // a rank with one half of it
+    images.make_ghosts(p, 0.2);
+    EXPECT_EQ(p.ghosts(), 0u);
 }
 
 TEST(PeriodicImages, WrapCountsWhatItTakesOff) {

@@ -36,7 +36,8 @@ TEST(LocalMotion, BoundsWhatPairsMoveAgainstEachOther) {
             const Box box{{-0.1, 0, 0}, {0.2, 0.24, height}, periodic};
             const ParticleColumns p = sheared(600, box, 5);
             LocalMotion motion;
-            motion.build(p, box, reach, 0, team);
+            EXPECT_TRUE(motion.build(p, box, reach, 0.1 * reach, 0, team));
+            motion.find_shear({}, motion.velocity_range(), team);
             EXPECT_FALSE(motion.still());
             std::size_t pairs = 0;
             for (std::size_t i = 0; i < p.owned; ++i)
@@ -67,12 +68,14 @@ TEST(LocalMotion, FollowsAStreamAndRestsWhereNothingMovesMuch) {
     for (Body& body : p.bodies)
         body.velocity.set({10, -20, 30});
     LocalMotion motion;
-    motion.build(p, box, 0.05, 1e-3, team);
+    EXPECT_TRUE(motion.build(p, box, 0.05, 0.01, 1e-3, team));
+    motion.find_shear({}, motion.velocity_range(), team);
     for (std::size_t row = 0; row < p.owned; ++row) {
         EXPECT_LT(norm(motion.of(row).velocity() - Vec3{10, -20, 30}), 1e-4);
         EXPECT_LT(motion.of(row).shear, 1e-4);
     }
-    motion.build(p, box, 0.05, 40, team);
+    EXPECT_FALSE(motion.build(p, box, 0.05, 0.01, 40, team));
+    motion.set_still();
     EXPECT_TRUE(motion.still());
     EXPECT_EQ(norm(motion.of(0).velocity()), 0);
 }

@@ -11,6 +11,9 @@ namespace talus::dem_run {
 
 namespace {
 
+/// Which rows of a column: those of this rank's block, its share of a table, or all of it on every rank.
+enum class Spread { block, table, whole };
+
 /// Arrays of small fixed-size values as one flat column, and back.
 template <class Scalar, class Value>
 io::Column flat(const std::string& name, const std::vector<Value>& values, const std::string& unit = "") {
@@ -19,57 +22,67 @@ io::Column flat(const std::string& name, const std::vector<Value>& values, const
     std::vector<Scalar> data(values.size() * width);
     if (!values.empty())
         std::memcpy(data.data(), values.data(), values.size() * sizeof(Value));
-    return {name, std::move(data), width, unit};
+    return {name, std::move(data), width, unit, {}};
 }
 
 template <class Scalar, class Value>
-void restore(const io::CheckpointFile& file, const std::string& name, std::vector<Value>& values) {
-    const std::vector<Scalar>& data = file.get<Scalar>(name);
+void unflatten(const io::Column& column, std::vector<Value>& values) {
+    const auto* data = std::get_if<std::vector<Scalar>>(&column.data);
     constexpr std::size_t width = sizeof(Value) / sizeof(Scalar);
-    if (data.size() % width != 0)
-        throw Error(ExitCode::input_invalid, "checkpoint: column " + name + " has the wrong width");
-    values.resize(data.size() / width);
-    if (!data.empty())
-        std::memcpy(static_cast<void*>(values.data()), data.data(), data.size() * sizeof(Scalar));
+    if (data == nullptr || data->size() % width != 0)
+        throw Error(ExitCode::input_invalid,
+                    "checkpoint: column " + column.name + " has the wrong type or width");
+    values.resize(data->size() / width);
+    if (!data->empty())
+        std::memcpy(static_cast<void*>(values.data()), data->data(), data->size() * sizeof(Scalar));
 }
 
-/// One list of all columns, used both ways: `each(name, values, scalar, unit)`.
+/// Reads rows [first, first + count) of a column that may be empty.
+template <class Scalar, class Value>
+void read_rows(const io::CheckpointReader& file, const std::string& name, std::uint64_t first,
+               std::uint64_t count, std::vector<Value>& values) {
+    const bool empty = file.rows(name) == 0;
+    unflatten<Scalar>(empty ? file.read(name) : file.read(name, first, count), values);
+}
+
+/// One list of all columns, used both ways: `each(name, values, scalar, unit, spread)`.
 template <class State, class Each>
 void state_columns(State& s, Each&& each) {
-    each("particles/position", s.position, double{}, "m");
-    each("particles/half_velocity", s.half_velocity, double{}, "m s-1");
-    each("particles/half_angular_velocity", s.half_angular_velocity, double{}, "rad s-1");
-    each("particles/acceleration", s.acceleration, double{}, "m s-2");
-    each("particles/angular_acceleration", s.angular_acceleration, double{}, "rad s-2");
-    each("particles/damping_load", s.damping_load, float{}, "");
-    each("particles/half_kick", s.half_kick, float{}, "");
-    each("particles/image", s.image, std::int32_t{}, "");
-    each("contacts/pair", s.contact_pair, std::uint64_t{}, "");
-    each("contacts/image", s.contact_image, std::int8_t{}, "");
-    each("contacts/tangential_displacement", s.contact_displacement, double{}, "m");
-    each("contacts/normal_overlap_offset", s.contact_offset, double{}, "m");
-    each("contacts/state", s.contact_state, std::uint8_t{}, "");
-    each("walls/pair", s.wall_pair, std::uint64_t{}, "");
-    each("walls/tangential_displacement", s.wall_displacement, double{}, "m");
-    each("walls/normal_overlap_offset", s.wall_offset, double{}, "m");
-    each("walls/state", s.wall_state, std::uint8_t{}, "");
-    each("ledger/sums", s.ledger, std::int64_t{}, "");
-    each("ledger/scalars", s.scalars, double{}, "");
+    const Spread block = Spread::block, table = Spread::table, whole = Spread::whole;
+    each("particles/position", s.position, double{}, "m", block);
+    each("particles/half_velocity", s.half_velocity, double{}, "m s-1", block);
+    each("particles/half_angular_velocity", s.half_angular_velocity, double{}, "rad s-1", block);
+    each("particles/acceleration", s.acceleration, double{}, "m s-2", block);
+    each("particles/angular_acceleration", s.angular_acceleration, double{}, "rad s-2", block);
+    each("particles/damping_load", s.damping_load, float{}, "", block);
+    each("particles/half_kick", s.half_kick, float{}, "", block);
+    each("particles/image", s.image, std::int32_t{}, "", block);
+    each("contacts/pair", s.contact_pair, std::uint64_t{}, "", table);
+    each("contacts/image", s.contact_image, std::int8_t{}, "", table);
+    each("contacts/tangential_displacement", s.contact_displacement, double{}, "m", table);
+    each("contacts/normal_overlap_offset", s.contact_offset, double{}, "m", table);
+    each("contacts/state", s.contact_state, std::uint8_t{}, "", table);
+    each("walls/pair", s.wall_pair, std::uint64_t{}, "", table);
+    each("walls/tangential_displacement", s.wall_displacement, double{}, "m", table);
+    each("walls/normal_overlap_offset", s.wall_offset, double{}, "m", table);
+    each("walls/state", s.wall_state, std::uint8_t{}, "", table);
+    each("ledger/sums", s.ledger, std::int64_t{}, "", whole);
+    each("ledger/scalars", s.scalars, double{}, "", whole);
 }
 
 template <class State, class Each>
 void grain_columns(State& g, Each&& each) {
-    each("start/position", g.position, double{}, "m");
-    each("start/radius", g.radius, double{}, "m");
-    each("start/mass", g.mass, double{}, "kg");
-    each("start/species", g.species, std::uint8_t{}, "");
-    each("start/release", g.release, std::uint8_t{}, "");
-    each("start/material", g.material, std::uint8_t{}, "");
+    each("start/position", g.position, double{}, "m", Spread::block);
+    each("start/radius", g.radius, double{}, "m", Spread::block);
+    each("start/mass", g.mass, double{}, "kg", Spread::block);
+    each("start/species", g.species, std::uint8_t{}, "", Spread::block);
+    each("start/release", g.release, std::uint8_t{}, "", Spread::block);
+    each("start/material", g.material, std::uint8_t{}, "", Spread::block);
 }
 
-std::int64_t integer(const io::CheckpointFile& file, const std::string& name) {
-    const auto it = file.attributes.find(name);
-    const auto* value = it == file.attributes.end() ? nullptr : std::get_if<std::int64_t>(&it->second);
+std::int64_t integer(const io::Attributes& attributes, const std::string& name) {
+    const auto it = attributes.find(name);
+    const auto* value = it == attributes.end() ? nullptr : std::get_if<std::int64_t>(&it->second);
     if (value == nullptr)
         throw Error(ExitCode::input_invalid, "checkpoint: attribute " + name + " is missing");
     return *value;
@@ -78,11 +91,19 @@ std::int64_t integer(const io::CheckpointFile& file, const std::string& name) {
 } // namespace
 
 io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulation,
-                        const engine::RunPosition& position) {
+                        const engine::RunPosition& position, const parallel::Communicator& world) {
     io::CheckpointFile file;
     const engine::SavedState state = simulation.save();
-    const auto add = [&](const std::string& name, const auto& values, auto scalar, const std::string& unit) {
-        file.columns.push_back(flat<decltype(scalar)>(name, values, unit));
+    const auto add = [&](const std::string& name, const auto& values, auto scalar, const std::string& unit,
+                         Spread spread) {
+        io::Column& column = file.columns.emplace_back(flat<decltype(scalar)>(name, values, unit));
+        if (spread == Spread::whole)
+            return;
+        const std::vector<std::uint64_t> rows = world.gather(std::uint64_t{values.size()});
+        for (std::size_t r = 0; r < rows.size(); ++r) {
+            column.rows.total += rows[r];
+            column.rows.first += r < static_cast<std::size_t>(world.rank()) ? rows[r] : 0;
+        }
     };
     state_columns(state, add);
     grain_columns(grains, add);
@@ -92,7 +113,9 @@ io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulati
     file.columns.push_back(
         {"start/periodic",
          std::vector<std::uint8_t>{grains.box.has_value(), box.periodic[0], box.periodic[1], box.periodic[2]},
-         1, ""});
+         1,
+         "",
+         {}});
     file.attributes = {{"step", state.step},
                        {"time", simulation.time()},
                        {"time_step", simulation.time_step().step},
@@ -102,32 +125,43 @@ io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulati
     return file;
 }
 
-Grains unpack_grains(const io::CheckpointFile& file) {
+std::uint64_t particle_count(const io::CheckpointReader& file) {
+    return file.rows("particles/position");
+}
+
+Grains unpack_grains(const io::CheckpointReader& file, std::uint64_t first, std::uint64_t count) {
     Grains grains;
-    grain_columns(grains, [&](const std::string& name, auto& values, auto scalar, const char*) {
-        restore<decltype(scalar)>(file, name, values);
+    grain_columns(grains, [&](const std::string& name, auto& values, auto scalar, const char*, Spread) {
+        read_rows<decltype(scalar)>(file, name, first, count, values);
     });
     std::vector<Vec3> corners;
-    restore<double>(file, "start/box", corners);
-    const auto& periodic = file.get<std::uint8_t>("start/periodic");
+    std::vector<std::uint8_t> periodic;
+    unflatten<double>(file.read("start/box"), corners);
+    unflatten<std::uint8_t>(file.read("start/periodic"), periodic);
     if (corners.size() != 3 || periodic.size() != 4)
         throw Error(ExitCode::input_invalid, "checkpoint: its box has the wrong size");
     grains.origin = corners[2];
     if (periodic[0])
         grains.box = Box{corners[0], corners[1], {periodic[1] != 0, periodic[2] != 0, periodic[3] != 0}};
-    if (const auto it = file.attributes.find("coordinate_system"); it != file.attributes.end())
+    const io::Attributes attributes = file.attributes();
+    if (const auto it = attributes.find("coordinate_system"); it != attributes.end())
         grains.coordinate_system = std::get<std::string>(it->second);
     return grains;
 }
 
-void check_same_run(const io::CheckpointFile& file, const std::string& path, const Grains& grains,
-                    const std::string& config) {
-    const Grains before = unpack_grains(file);
-    if (before.position != grains.position || before.radius != grains.radius ||
-        before.species != grains.species || before.material != grains.material)
+void check_same_run(const io::CheckpointReader& file, const std::string& path, const Grains& grains,
+                    std::uint64_t first, const std::string& config) {
+    const auto other_model = [&] {
         throw Error(ExitCode::input_invalid,
                     path +
                         ": the checkpoint belongs to another model; remove it, or resume with its own model");
+    };
+    if (first + grains.size() > particle_count(file))
+        other_model();
+    const Grains before = unpack_grains(file, first, grains.size());
+    if (before.position != grains.position || before.radius != grains.radius ||
+        before.species != grains.species || before.material != grains.material)
+        other_model();
     const auto physics = [](const std::string& text) {
         nlohmann::json json = nlohmann::json::parse(text.empty() ? "{}" : text);
         for (const char* key : {"output", "stages", "skin", "kernel", "seed"})
@@ -136,24 +170,34 @@ void check_same_run(const io::CheckpointFile& file, const std::string& path, con
             json["time"].erase("end");
         return json;
     };
-    const nlohmann::json changes = nlohmann::json::diff(physics(file.config), physics(config));
+    const nlohmann::json changes = nlohmann::json::diff(physics(file.config()), physics(config));
     if (!changes.empty())
         throw Error(ExitCode::configuration_invalid,
                     path + ": the checkpoint was made with another " + changes[0]["path"].get<std::string>() +
                         "; remove it, or resume with the settings it was made with");
 }
 
-engine::SavedState unpack_state(const io::CheckpointFile& file) {
+engine::SavedState unpack_state(const io::CheckpointReader& file, std::uint64_t first, std::uint64_t count,
+                                const parallel::Communicator& world) {
     engine::SavedState state;
-    state_columns(state, [&](const std::string& name, auto& values, auto scalar, const char*) {
-        restore<decltype(scalar)>(file, name, values);
+    const auto rank = static_cast<std::uint64_t>(world.rank()),
+               ranks = static_cast<std::uint64_t>(world.size());
+    state_columns(state, [&](const std::string& name, auto& values, auto scalar, const char*, Spread spread) {
+        const std::uint64_t rows = file.rows(name), begin = rows * rank / ranks;
+        if (spread == Spread::block)
+            read_rows<decltype(scalar)>(file, name, first, count, values);
+        else if (spread == Spread::table)
+            read_rows<decltype(scalar)>(file, name, begin, rows * (rank + 1) / ranks - begin, values);
+        else
+            unflatten<decltype(scalar)>(file.read(name), values);
     });
-    state.step = integer(file, "step");
+    state.step = integer(file.attributes(), "step");
     return state;
 }
 
-engine::RunPosition unpack_position(const io::CheckpointFile& file) {
-    return {static_cast<std::size_t>(integer(file, "stage")), integer(file, "stage_start")};
+engine::RunPosition unpack_position(const io::CheckpointReader& file) {
+    const io::Attributes attributes = file.attributes();
+    return {static_cast<std::size_t>(integer(attributes, "stage")), integer(attributes, "stage_start")};
 }
 
 } // namespace talus::dem_run

@@ -10,7 +10,14 @@
 
 namespace talus::dem_run {
 
-Vec3 output_shift(const Grains& grains) {
+namespace {
+
+/// What the ranks tell each other through Simulation::ask.
+enum : unsigned { signal_came = 1, wall_time_is_up = 2, stop_file_is_there = 4, checkpoint_is_due = 8 };
+
+} // namespace
+
+Vec3 output_shift(const Grains& grains, const parallel::Communicator& world) {
     constexpr double inf = std::numeric_limits<double>::infinity();
     Vec3 lower{inf, inf, inf};
     double largest = 0, smallest_radius = inf;
@@ -21,6 +28,10 @@ Vec3 output_shift(const Grains& grains) {
             largest = std::max(largest, std::abs(grains.position[k][d]));
         }
     }
+    for (int d = 0; d < 3; ++d)
+        lower[d] = world.min(lower[d]);
+    largest = world.max(largest);
+    smallest_radius = world.min(smallest_radius);
     if (largest * std::numeric_limits<float>::epsilon() <= 1e-3 * smallest_radius)
         return {};
     return {std::floor(lower.x), std::floor(lower.y), std::floor(lower.z)};
@@ -28,9 +39,11 @@ Vec3 output_shift(const Grains& grains) {
 
 Recorder::Recorder(io::TrajectoryWriter& writer, const engine::Scene& scene,
                    const engine::RunPosition& position, std::vector<std::string> fields, const Vec3& shift,
-                   StopRules rules, cli::Progress& progress, std::function<void()> checkpoint)
+                   StopRules rules, cli::Progress& progress, bool first_rank,
+                   std::function<void()> checkpoint)
     : writer_(writer), scene_(scene), position_(position), fields_(std::move(fields)), shift_(shift),
-      rules_(std::move(rules)), progress_(progress), checkpoint_(std::move(checkpoint)) {
+      rules_(std::move(rules)), progress_(progress), first_rank_(first_rank),
+      checkpoint_(std::move(checkpoint)) {
     std::sort(fields_.begin(), fields_.end());
 }
 
@@ -74,12 +87,12 @@ void Recorder::series(const engine::Simulation& s) {
         {"rms_speed", rest.rms_speed},
         {"contact_count", static_cast<double>(s.contacts())},
         {"bond_count", static_cast<double>(s.bonds())}};
-    const std::vector<Vec3> forces = s.wall_forces(), torques = s.wall_torques();
-    for (std::size_t w = 0; w < forces.size(); ++w)
+    const std::vector<engine::Simulation::WallLoad> loads = s.wall_loads();
+    for (std::size_t w = 0; w < loads.size(); ++w)
         for (int k = 0; k < 3; ++k) {
             const std::string prefix = "walls/" + scene_.walls[w].name + "/";
-            row.emplace_back(prefix + "force_" + "xyz"[k], forces[w][k]);
-            row.emplace_back(prefix + "torque_" + "xyz"[k], torques[w][k]);
+            row.emplace_back(prefix + "force_" + "xyz"[k], loads[w].force[k]);
+            row.emplace_back(prefix + "torque_" + "xyz"[k], loads[w].torque[k]);
         }
     std::sort(row.begin(), row.end()); // as a reader lists them, so that a resumed file is like a whole one
     writer_.series(row);
@@ -112,25 +125,37 @@ void Recorder::show(const engine::Simulation& s) {
                      fmt::format("{} t = {:.3g} s", stage.name, s.time()));
 }
 
-bool Recorder::stop(const engine::Simulation& s) {
-    if (cli::stop_requested())
+bool Recorder::stop(engine::Simulation& s) {
+    look_around(s);
+    const unsigned asked = s.asked();
+    if (asked & signal_came)
         reason_ = "a signal";
-    const double now = elapsed();
-    if (reason_.empty() &&
-        now - last_look_ > 0.2) { // the clock and the disk are looked at five times a second
-        last_look_ = now;
-        show(s);
-        if (rules_.max_wall && now >= *rules_.max_wall)
-            reason_ = "--max-wall";
-        for (const std::string& file : rules_.stop_files)
-            if (std::filesystem::exists(file))
-                reason_ = "the file " + file;
-        if (reason_.empty() && now - last_checkpoint_ >= rules_.checkpoint_interval) {
-            last_checkpoint_ = now;
-            checkpoint_();
-        }
-    }
+    else if (asked & wall_time_is_up)
+        reason_ = "--max-wall";
+    else if (asked & stop_file_is_there)
+        reason_ = "the file " + rules_.stop_file;
+    else if (asked & checkpoint_is_due)
+        checkpoint_();
     return !reason_.empty();
+}
+
+/// Asks for what is due; all ranks do it after the next step.
+void Recorder::look_around(engine::Simulation& s) {
+    if (cli::stop_requested())
+        s.ask(signal_came);
+    const double now = elapsed();
+    if (!first_rank_ || now - last_look_ <= 0.2) // the clock and the disk are looked at five times a second
+        return;
+    last_look_ = now;
+    show(s);
+    if (rules_.max_wall && now >= *rules_.max_wall)
+        s.ask(wall_time_is_up);
+    if (std::filesystem::exists(rules_.stop_file))
+        s.ask(stop_file_is_there);
+    if (now - last_checkpoint_ >= rules_.checkpoint_interval) {
+        last_checkpoint_ = now;
+        s.ask(checkpoint_is_due);
+    }
 }
 
 } // namespace talus::dem_run

@@ -3,6 +3,7 @@
 #include "cli/progress.hpp"
 #include "engine/run.hpp"
 #include "io/trajectory_file.hpp"
+#include "parallel/communicator.hpp"
 
 #include <chrono>
 #include <functional>
@@ -16,25 +17,26 @@ namespace talus::dem_run {
 struct StopRules {
     std::optional<double> max_wall;   ///< s
     double checkpoint_interval = 600; ///< s between checkpoints
-    std::vector<std::string> stop_files;
+    std::string stop_file = "STOP";   ///< its being there stops the run
 };
 
 /// What to take off positions so that single precision resolves them: nothing, or whole metres where the
-/// model's coordinates are so large that a thousandth of the smallest radius would be lost.
-Vec3 output_shift(const Grains& grains);
+/// model's coordinates are so large that a thousandth of the smallest radius would be lost. Collective.
+Vec3 output_shift(const Grains& grains, const parallel::Communicator& world);
 
-/// Writes what the engine emits into a trajectory, shows progress, and says when to stop.
+/// Writes what the engine emits into a trajectory, shows progress, and says when to stop. On several ranks
+/// the first one looks at the clock and the disk; a signal counts on any.
 class Recorder : public engine::Observer {
 public:
     Recorder(io::TrajectoryWriter& writer, const engine::Scene& scene, const engine::RunPosition& position,
              std::vector<std::string> fields, const Vec3& shift, StopRules rules, cli::Progress& progress,
-             std::function<void()> checkpoint);
+             bool first_rank, std::function<void()> checkpoint);
 
     void stage(const engine::Stage& stage, const engine::Simulation& s, std::size_t released) override;
     void frame(const engine::Simulation& s) override;
     void series(const engine::Simulation& s) override;
     void bonds_broken(std::span<const engine::BondBreak> breaks, const engine::Simulation& s) override;
-    bool stop(const engine::Simulation& s) override;
+    bool stop(engine::Simulation& s) override;
 
     std::size_t bonds_broken() const { return broken_; }
     std::size_t bonds_released() const { return released_; }
@@ -42,6 +44,7 @@ public:
 
 private:
     using Clock = std::chrono::steady_clock;
+    void look_around(engine::Simulation& s);
     void show(const engine::Simulation& s);
     double elapsed() const;
 
@@ -52,6 +55,7 @@ private:
     Vec3 shift_;
     StopRules rules_;
     cli::Progress& progress_;
+    bool first_rank_;
     std::function<void()> checkpoint_;
     Clock::time_point start_ = Clock::now();
     double last_look_ = 0, last_checkpoint_ = 0;

@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+/// The simulation over several ranks: who computes what, what goes along when a particle changes rank, and
+/// the proof that nothing was lost on the way.
+#include "base/error.hpp"
+#include "engine/simulation.hpp"
+
+#include <algorithm>
+#include <fmt/format.h>
+#include <tuple>
+#include <unordered_map>
+
+namespace talus::engine {
+
+namespace {
+
+/// Work of a particle besides that of its pairs, in pairs: of one that moves and of one that does not.
+constexpr float row_cost = 2, fixed_cost = 0.05f;
+
+/// Domains are cut anew where the busiest rank computes longer than the mean by more than this part, looked
+/// at no more often than every so many steps.
+constexpr double tolerated_imbalance = 0.06;
+constexpr std::int64_t steps_between_cuts = 300;
+
+/// Shorter times (s) say nothing.
+constexpr double least_busy_time = 0.01;
+
+/// A hash of one or two numbers (the finaliser of SplitMix64, Steele et al., OOPSLA 2014).
+std::uint64_t mix(std::uint64_t x) {
+    x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9u;
+    x = (x ^ (x >> 27)) * 0x94d049bb133111ebu;
+    return x ^ (x >> 31);
+}
+std::uint64_t hash(std::uint64_t i, std::uint64_t j = 0) {
+    return mix(mix(i + 0x9e3779b97f4a7c15u) + j);
+}
+
+} // namespace
+
+/// Cuts space by the particles' numbers of pairs, where there is a list, and brings everybody to his rank;
+/// histories do not go along.
+void Simulation::cut_domains() {
+    if (world_.alone())
+        return;
+    const ParticleColumns& p = particles_;
+    std::vector<Vec3> points(p.owned);
+    std::vector<float> weights(p.owned);
+    for (std::size_t row = 0; row < p.owned; ++row) {
+        points[row] = images_.box().wrap(p.bodies[row].position.vec());
+        weights[row] = p.species[row] == Species::fixed ? fixed_cost : row_cost;
+    }
+    domains_.cut(points, weights);
+    last_cut_ = step_;
+    busy_at_cut_ = busy_;
+    parallel::migrate(particles_, destinations(), world_);
+}
+
+std::vector<int> Simulation::destinations() const {
+    const ParticleColumns& p = particles_;
+    std::vector<int> rank(p.owned);
+    for (std::size_t row = 0; row < p.owned; ++row)
+        rank[row] = domains_.rank_of(images_.box().wrap(p.bodies[row].position.vec()));
+    return rank;
+}
+
+/// Weighs particles by the time that their ranks took for them since the last cut.
+void Simulation::recut_where_unbalanced() {
+    if (step_ - last_cut_ < steps_between_cuts)
+        return;
+    const std::vector<double> busy = world_.gather(busy_ - busy_at_cut_);
+    double most = 0, mean = 0;
+    for (const double time : busy) {
+        most = std::max(most, time);
+        mean += time / static_cast<double>(busy.size());
+    }
+    last_cut_ = step_;
+    const double mine = busy_ - busy_at_cut_;
+    busy_at_cut_ = busy_;
+    if (mean < least_busy_time || most < (1 + tolerated_imbalance) * mean)
+        return;
+    const ParticleColumns& p = particles_;
+    std::vector<Vec3> points(p.owned);
+    std::vector<float> weights(p.owned);
+    double sum = 0;
+    for (std::size_t row = 0; row < p.owned; ++row) {
+        points[row] = p.bodies[row].position.vec();
+        weights[row] = p.species[row] == Species::fixed
+                           ? fixed_cost
+                           : row_cost + static_cast<float>(list_.references(row).size());
+        sum += weights[row];
+    }
+    for (float& weight : weights)
+        weight = static_cast<float>(weight * std::max(mine, 0.1 * mean) / sum);
+    domains_.cut(points, weights);
+    ++recuts_;
+}
+
+std::vector<std::uint32_t> Simulation::change_ranks(std::vector<std::array<std::int8_t, 3>>& wrapped,
+                                                    Carried& carried) {
+    const ParticleColumns& p = particles_;
+    recut_where_unbalanced();
+    const std::vector<int> destination = destinations();
+    const int here = world_.rank();
+    const auto destination_of = [&](std::uint32_t row) { return row < p.owned ? destination[row] : here; };
+
+    // Pairs that rows do not match any more are known by their keys, here and wherever one of them goes.
+    std::vector<std::vector<CarriedPair>> pairs_to(static_cast<std::size_t>(world_.size()));
+    const search::CandidateList::Live is_live = live();
+    for (std::size_t k = 0; k < list_.size(); ++k) {
+        if (!is_live(k))
+            continue;
+        const search::Candidate c = list_.candidates()[k];
+        const std::uint32_t i = p.owner(c.i), j = p.owner(c.j);
+        const int to_i = destination_of(i), to_j = destination_of(j);
+        if (i < p.owned && j < p.owned && to_i == here && to_j == here)
+            continue;
+        CarriedPair pair{search::key_of(p, c), pairs_.load(k)};
+        for (std::size_t d = 0; d < 3; ++d) // the key is of the positions before they were wrapped
+            pair.key.shift[d] += (j < p.owned ? wrapped[j][d] : 0) - (i < p.owned ? wrapped[i][d] : 0);
+        carried.pairs.push_back(pair);
+        if (to_i != here)
+            pairs_to[static_cast<std::size_t>(to_i)].push_back(pair);
+        if (to_j != here && to_j != to_i)
+            pairs_to[static_cast<std::size_t>(to_j)].push_back(pair);
+    }
+    const std::vector<CarriedPair> pairs_came = world_.exchange(pairs_to);
+    carried.pairs.insert(carried.pairs.end(), pairs_came.begin(), pairs_came.end());
+    // Those that two ranks sent are the same.
+    const auto key = [](const CarriedPair& pair) { return std::tie(pair.key.i, pair.key.j, pair.key.shift); };
+    std::sort(carried.pairs.begin(), carried.pairs.end(),
+              [&](const CarriedPair& a, const CarriedPair& b) { return key(a) < key(b); });
+    carried.pairs.erase(
+        std::unique(carried.pairs.begin(), carried.pairs.end(),
+                    [&](const CarriedPair& a, const CarriedPair& b) { return key(a) == key(b); }),
+        carried.pairs.end());
+
+    std::vector<std::vector<CarriedWall>> walls_to(static_cast<std::size_t>(world_.size()));
+    for (const WallContacts::Entry& e : walls_.entries())
+        if (destination[e.row] != here && (e.history.state != 0 || e.history.offset != 0))
+            walls_to[static_cast<std::size_t>(destination[e.row])].push_back(
+                {p.id[e.row], e.wall, e.history});
+    carried.walls = world_.exchange(walls_to);
+
+    const std::vector<std::uint32_t> order = parallel::migrate(particles_, destination, world_);
+    const auto before = wrapped;
+    wrapped.assign(particles_.owned, {});
+    for (std::size_t row = 0; row < particles_.owned; ++row)
+        if (order[row] != parallel::no_row)
+            wrapped[row] = before[order[row]];
+    return order;
+}
+
+void Simulation::give_walls(const std::vector<CarriedWall>& carried) {
+    std::unordered_map<std::uint64_t, std::uint32_t> row_of;
+    for (const CarriedWall& c : carried)
+        row_of.emplace(c.id, parallel::no_row);
+    for (std::uint32_t row = 0; row < particles_.owned && !carried.empty(); ++row)
+        if (const auto it = row_of.find(particles_.id[row]); it != row_of.end())
+            it->second = row;
+    for (const CarriedWall& c : carried) {
+        const std::uint32_t row = row_of.at(c.id);
+        WallContacts::Entry* entry = row == parallel::no_row ? nullptr : walls_.find(row, c.wall);
+        if (entry == nullptr)
+            throw Error(ExitCode::run_failed,
+                        fmt::format("the contact of particle {} with wall {} was lost at step {}: take a "
+                                    "smaller time.step",
+                                    c.id, c.wall, step_));
+        entry->history = c.history;
+    }
+}
+
+void Simulation::mark_pairs_counted_elsewhere() {
+    if (world_.alone())
+        return;
+    const ParticleColumns& p = particles_;
+    team_.for_range(list_.size(), [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k) {
+            const std::uint32_t i = list_.candidates()[k].i;
+            const bool elsewhere = p.in_halo(i) && p.species[i] != Species::fixed;
+            pairs_.state[k] = static_cast<std::uint8_t>((pairs_.state[k] & ~counted_elsewhere) |
+                                                        (elsewhere ? counted_elsewhere : 0));
+        }
+    });
+}
+
+/// Lets the local motion know how other ranks' particles near by move.
+void Simulation::share_motion() {
+    const ParticleColumns& p = particles_;
+    struct Place {
+        Vec3 lower, upper;
+        std::size_t count;
+        std::array<Vec3, 2> velocity;
+    } mine{{}, {}, p.owned, motion_.velocity_range()};
+    for (std::size_t row = 0; row < p.owned && !world_.alone(); ++row) {
+        const Vec3 x = p.bodies[row].position.vec();
+        for (int k = 0; k < 3; ++k) {
+            mine.lower[k] = row == 0 ? x[k] : std::min(mine.lower[k], x[k]);
+            mine.upper[k] = row == 0 ? x[k] : std::max(mine.upper[k], x[k]);
+        }
+    }
+    std::array<Vec3, 2> range = mine.velocity;
+    std::vector<std::vector<search::LocalMotion::Part>> to(static_cast<std::size_t>(world_.size()));
+    const std::vector<Place> places = world_.gather(mine);
+    const Vec3 edges = images_.box().lengths();
+    const auto most = [&](int k) { return images_.box().periodic[static_cast<std::size_t>(k)] ? 1 : 0; };
+    for (std::size_t r = 0; r < places.size(); ++r) {
+        const Place& place = places[r];
+        for (int k = 0; k < 3; ++k) {
+            range[0][k] = std::min(range[0][k], place.velocity[0][k]);
+            range[1][k] = std::max(range[1][k], place.velocity[1][k]);
+        }
+        if (r == rank() || place.count == 0 || p.owned == 0)
+            continue;
+        for (int sx = -most(0); sx <= most(0); ++sx)
+            for (int sy = -most(1); sy <= most(1); ++sy)
+                for (int sz = -most(2); sz <= most(2); ++sz)
+                    motion_.add_parts_near(place.lower, place.upper,
+                                           {sx * edges.x, sy * edges.y, sz * edges.z}, to[r]);
+    }
+    motion_.find_shear(world_.exchange(to), range, team_);
+}
+
+void Simulation::Census::add_pair(std::uint64_t i, std::uint64_t j, bool bonded) {
+    ++pairs;
+    keys += hash(i, j) * (bonded ? 3 : 1);
+}
+
+Simulation::Census Simulation::count_all() const {
+    const ParticleColumns& p = particles_;
+    Census census;
+    if (world_.alone())
+        return census;
+    census.particles = p.owned;
+    for (std::size_t row = 0; row < p.owned; ++row)
+        census.ids += hash(p.id[row]);
+    const search::CandidateList::Live is_live = live();
+    for (std::size_t k = 0; k < list_.size(); ++k)
+        if (is_live(k) && !(pairs_.state[k] & counted_elsewhere)) {
+            const search::Candidate c = list_.candidates()[k];
+            census.add_pair(p.id[c.i], p.id[c.j], pairs_.state[k] & contact::bond_intact);
+        }
+    return census;
+}
+
+/// @throws Error(run_failed) where particles, contacts or bonds were lost or doubled
+void Simulation::check_census(const Census& before, const Census& dropped) const {
+    const Census after = count_all();
+    Census all_before, all_after;
+    struct Both {
+        Census before, dropped, after;
+    };
+    for (const Both& rank : world_.gather(Both{before, dropped, after})) {
+        all_before.pairs += rank.before.pairs;
+        all_before.keys += rank.before.keys;
+        all_after.particles += rank.after.particles;
+        all_after.ids += rank.after.ids;
+        all_after.pairs += rank.after.pairs + rank.dropped.pairs;
+        all_after.keys += rank.after.keys + rank.dropped.keys;
+    }
+    if (all_after.particles != total_ || all_after.ids != id_sum_)
+        throw Error(
+            ExitCode::run_failed,
+            fmt::format("step {}: {} particles after they changed ranks, expected {} (or one is there "
+                        "twice): go on from the last checkpoint with another number of ranks",
+                        step_, all_after.particles, total_));
+    if (all_after.pairs != all_before.pairs || all_after.keys != all_before.keys)
+        throw Error(
+            ExitCode::run_failed,
+            fmt::format("step {}: {} contacts and bonds after particles changed ranks, expected {} (or "
+                        "one is there twice): go on from the last checkpoint with another number of "
+                        "ranks",
+                        step_, all_after.pairs, all_before.pairs));
+}
+
+std::size_t Simulation::home_of(std::uint64_t id) const {
+    return static_cast<std::size_t>(std::upper_bound(block_start_.begin(), block_start_.end(), id) -
+                                    block_start_.begin()) -
+           1;
+}
+
+std::vector<int> Simulation::owners_of_block() const {
+    std::vector<std::vector<std::uint64_t>> to(static_cast<std::size_t>(world_.size()));
+    for (std::size_t row = 0; row < particles_.owned; ++row)
+        to[home_of(particles_.id[row])].push_back(particles_.id[row]);
+    std::vector<std::size_t> start;
+    const std::vector<std::uint64_t> ids = world_.exchange(to, start);
+    std::vector<int> owner(block_size(), 0);
+    for (std::size_t rank = 0; rank + 1 < start.size(); ++rank)
+        for (std::size_t k = start[rank]; k < start[rank + 1]; ++k)
+            owner[ids[k] - first_id()] = static_cast<int>(rank);
+    return owner;
+}
+
+} // namespace talus::engine

@@ -184,22 +184,25 @@ nlohmann::json predict(engine::Simulation& s, const engine::Scene& scene,
 void add_ranks(nlohmann::json& json, const engine::Simulation& s, const parallel::Communicator& world) {
     if (world.alone())
         return;
-    std::vector<double> busy, owned, halo, bytes;
     struct Rank {
-        double busy, owned, halo, bytes;
+        engine::Simulation::Times times;
+        std::size_t particles, halo, bytes, neighbours;
     };
-    for (const Rank& rank :
-         world.gather(Rank{s.busy_time(), static_cast<double>(s.owned()), static_cast<double>(s.halo()),
-                           static_cast<double>(s.halo_bytes_per_step())})) {
-        busy.push_back(rank.busy);
-        owned.push_back(rank.owned);
-        halo.push_back(rank.halo);
-        bytes.push_back(rank.bytes);
-    }
-    json["rank_busy_time"] = busy;
-    json["rank_particles"] = owned;
-    json["rank_halo"] = halo;
-    json["rank_halo_bytes_per_step"] = bytes;
+    const std::vector<Rank> all =
+        world.gather(Rank{s.times(), s.owned(), s.halo(), s.halo_bytes_per_step(), s.halo_neighbours()});
+    const auto list = [&](auto value) {
+        nlohmann::json values = nlohmann::json::array();
+        for (const Rank& rank : all)
+            values.push_back(value(rank));
+        return values;
+    };
+    json["rank_busy_time"] = list([](const Rank& r) { return r.times.busy; });
+    json["rank_list_time"] = list([](const Rank& r) { return r.times.lists; });
+    json["rank_exchange_time"] = list([](const Rank& r) { return r.times.exchange; });
+    json["rank_particles"] = list([](const Rank& r) { return r.particles; });
+    json["rank_halo"] = list([](const Rank& r) { return r.halo; });
+    json["rank_halo_bytes_per_step"] = list([](const Rank& r) { return r.bytes; });
+    json["rank_neighbours"] = list([](const Rank& r) { return r.neighbours; });
     json["domain_recuts"] = s.recuts();
 }
 
@@ -300,6 +303,8 @@ int main(int argc, char** argv) {
         if (resumes && usable.empty() && std::filesystem::exists(saved))
             tool.warn(saved +
                       ": the checkpoint is damaged and there is no earlier one; starting from the beginning");
+        if (!usable.empty() && usable != saved && std::filesystem::exists(saved))
+            tool.warn(saved + ": damaged, going on from " + usable);
         if (start.position.stage >= scene.stages.size())
             throw Error(ExitCode::configuration_invalid,
                         "stages: the checkpoint's stage is not in this scene; "
@@ -357,6 +362,8 @@ int main(int argc, char** argv) {
                     : io::TrajectoryWriter(common.output, statics, provenance, config, common.overwrite,
                                            ranks, rows);
         start.trajectory.reset();
+        if (std::error_code ignored; first_rank && !usable.empty() && usable != saved)
+            std::filesystem::remove(saved, ignored); // damaged: it must not take the earlier one's place
 
         cli::install_stop_handler();
         cli::Progress progress("dem-run", common.progress, common.quiet);
@@ -385,6 +392,8 @@ int main(int argc, char** argv) {
         if (end == engine::RunEnd::stopped) {
             save();
             trajectory.suspend();
+            if (!first_rank && std::freopen("/dev/null", "w", stderr) == nullptr) // one line is enough
+                throw Error(ExitCode::run_failed, "/dev/null cannot be opened");
             throw Error(
                 ExitCode::stopped_with_checkpoint,
                 fmt::format("stopped by {} at t = {:.6g} s; checkpoint in {}: run again with --resume auto",

@@ -5,6 +5,7 @@
 #include "search/ordering.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <fmt/format.h>
 #include <limits>
 #include <numeric>
@@ -39,6 +40,10 @@ constexpr unsigned own_bits = 2;
 /// A particle's share of the close skin is at most this part of its share of the outer one: some lists of
 /// close pairs are made of one outer one.
 constexpr double largest_share = 0.4;
+
+double wall_seconds() {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
 
 } // namespace
 
@@ -161,7 +166,10 @@ void Simulation::keep_lists_valid() {
         else
             used_ = moved.used;
     }
+    const double start = wall_seconds();
     bits = agree(bits);
+    const double agreed = wall_seconds();
+    times_.exchange += agreed - start;
     if (bits & outer_list_is_worn) {
         rebuild(false);
     } else if (bits & close_list_is_worn) {
@@ -170,7 +178,9 @@ void Simulation::keep_lists_valid() {
         refresh();
     } else {
         images_.update_ghosts(particles_, close_ghosts_, team_);
+        return;
     }
+    times_.lists += wall_seconds() - agreed;
 }
 
 /// All ranks learn what any asks for, while the halo's close copies are brought up.

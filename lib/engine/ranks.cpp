@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <tuple>
 #include <unordered_map>
+#include <utility>
 
 namespace talus::engine {
 
@@ -16,10 +17,10 @@ namespace {
 /// Work of a particle besides that of its pairs, in pairs: of one that moves and of one that does not.
 constexpr float row_cost = 2, fixed_cost = 0.05f;
 
-/// Domains are cut anew where the busiest rank computes longer than the mean by more than this part, looked
-/// at no more often than every so many steps.
+/// Domains are cut anew where the busiest rank computed longer than the mean by more than this part twice
+/// running, looked at no more often than every so many steps: once may be somebody else's doing.
 constexpr double tolerated_imbalance = 0.06;
-constexpr std::int64_t steps_between_cuts = 300;
+constexpr std::int64_t steps_between_looks = 200;
 
 /// Shorter times (s) say nothing.
 constexpr double least_busy_time = 0.01;
@@ -49,8 +50,8 @@ void Simulation::cut_domains() {
         weights[row] = p.species[row] == Species::fixed ? fixed_cost : row_cost;
     }
     domains_.cut(points, weights);
-    last_cut_ = step_;
-    busy_at_cut_ = busy_;
+    last_look_ = step_;
+    busy_at_look_ = times_.busy;
     parallel::migrate(particles_, destinations(), world_);
 }
 
@@ -62,21 +63,22 @@ std::vector<int> Simulation::destinations() const {
     return rank;
 }
 
-/// Weighs particles by the time that their ranks took for them since the last cut.
+/// Weighs particles by the time that their ranks took for them lately.
 void Simulation::recut_where_unbalanced() {
-    if (step_ - last_cut_ < steps_between_cuts)
+    if (step_ - last_look_ < steps_between_looks)
         return;
-    const std::vector<double> busy = world_.gather(busy_ - busy_at_cut_);
+    const double mine = times_.busy - busy_at_look_;
     double most = 0, mean = 0;
-    for (const double time : busy) {
+    for (const double time : world_.gather(mine)) {
         most = std::max(most, time);
-        mean += time / static_cast<double>(busy.size());
+        mean += time / static_cast<double>(world_.size());
     }
-    last_cut_ = step_;
-    const double mine = busy_ - busy_at_cut_;
-    busy_at_cut_ = busy_;
-    if (mean < least_busy_time || most < (1 + tolerated_imbalance) * mean)
+    last_look_ = step_;
+    busy_at_look_ = times_.busy;
+    const bool unbalanced = mean > least_busy_time && most > (1 + tolerated_imbalance) * mean;
+    if (!std::exchange(was_unbalanced_, unbalanced) || !unbalanced)
         return;
+    was_unbalanced_ = false;
     const ParticleColumns& p = particles_;
     std::vector<Vec3> points(p.owned);
     std::vector<float> weights(p.owned);

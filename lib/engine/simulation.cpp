@@ -287,7 +287,7 @@ void Simulation::step() {
     finish_move();
     ++step_;
     if (!world_.alone())
-        busy_ += seconds_of_thread() - start;
+        times_.busy += seconds_of_thread() - start;
     keep_lists_valid();
 }
 

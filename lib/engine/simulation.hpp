@@ -106,9 +106,13 @@ public:
     std::size_t halo() const { return particles_.halo; }   ///< copies of others' that it has
     std::size_t halo_bytes_per_step() const { return halo_.bytes_per_step(); }
     std::size_t halo_neighbours() const { return halo_.neighbours(); }
-    /// s, that this rank has computed since the start, and how often domains were cut anew.
-    double busy_time() const { return busy_; }
-    std::size_t recuts() const { return recuts_; }
+    /// Where this rank's time went since the start, with several ranks: s of computing forces and moves
+    /// (processor time), of making lists and of exchanging the halo with waiting for others (wall time).
+    struct Times {
+        double busy = 0, lists = 0, exchange = 0;
+    };
+    const Times& times() const { return times_; }
+    std::size_t recuts() const { return recuts_; } ///< how often domains were cut anew
     std::size_t mobile_count() const { return mobile_; }
 
     /// For whoever must decide alike on all ranks: bits that any rank has asked for before the last step.
@@ -296,8 +300,10 @@ private:
     std::uint64_t total_ = 0, id_sum_ = 0; ///< particles of all ranks, and a sum over hashes of their ids
     std::vector<std::uint64_t> block_start_{0, 0}; ///< first id of each rank's block
     unsigned asking_ = 0, asked_ = 0;
-    double busy_ = 0, busy_at_cut_ = 0; ///< s
-    std::int64_t last_cut_ = 0;         ///< step
+    Times times_;
+    double busy_at_look_ = 0;     ///< s
+    std::int64_t last_look_ = 0;  ///< step
+    bool was_unbalanced_ = false; ///< then
     std::size_t recuts_ = 0;
     std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, refreshes_ = 0, intact_bonds_ = 0;
     search::LocalMotion motion_;  ///< when the outer list was made

@@ -317,9 +317,9 @@ TEST(Balance, DomainsFollowTheWork) {
     Simulation many(scene, block_of(g, world().rank(), world().size()), team, world());
     for (int k = 0; k < 2000; ++k)
         many.step();
-    const double busiest = world().max(many.busy_time());
+    const double busiest = world().max(many.times().busy);
     double mean = 0;
-    for (const double busy : world().gather(many.busy_time()))
+    for (const double busy : world().gather(many.times().busy))
         mean += busy / world().size();
     EXPECT_LE(busiest, 1.5 * mean);
 }

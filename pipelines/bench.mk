@@ -8,3 +8,11 @@ bench-speed: build-tools
 	@command -v lmp >/dev/null || \
 	    echo "LAMMPS is not installed: the columns of comparison stay empty (Debian: apt-get install lammps)"
 	pipelines/bench/speed --bin $(bin) --out results/bench-speed $(BENCH)
+
+# Strong and weak curves over ranks, a model of the cost of a step fitted to them, and its predictions; ten minutes.
+#   SCALING   options of pipelines/bench/scaling, as SCALING="--latency 1e-6 --bandwidth 1e9"
+SCALING ?=
+
+.PHONY: bench-scaling
+bench-scaling: build-tools
+	pipelines/bench/scaling --bin $(bin) --out results/bench-scaling $(SCALING)

@@ -177,20 +177,22 @@ void Simulation::keep_lists_valid() {
         images_.update_ghosts(particles_, team_);
         refresh();
     } else {
-        images_.update_ghosts(particles_, close_ghosts_, team_);
         return;
     }
     times_.lists += wall_seconds() - agreed;
 }
 
-/// All ranks learn what any asks for, while the halo's close copies are brought up.
+/// All ranks learn what any asks for, while close ghosts are brought up.
 unsigned Simulation::agree(unsigned bits) {
     const unsigned asking = std::exchange(asking_, 0u) | (breaks_.empty() ? 0u : bonds_broke);
     if (world_.alone()) {
         asked_ = asking;
+        if (bits == 0)
+            images_.update_ghosts(particles_, close_ghosts_, team_);
         return bits;
     }
     halo_.start_update(particles_, false, bits | asking << own_bits);
+    images_.update_ghosts(particles_, close_ghosts_, team_); // meanwhile
     const unsigned all = halo_.finish_update(particles_);
     asked_ = all >> own_bits;
     return all & ((1u << own_bits) - 1);

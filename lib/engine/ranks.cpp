@@ -68,11 +68,10 @@ void Simulation::recut_where_unbalanced() {
     if (step_ - last_look_ < steps_between_looks)
         return;
     const double mine = times_.busy - busy_at_look_;
-    double most = 0, mean = 0;
-    for (const double time : world_.gather(mine)) {
-        most = std::max(most, time);
-        mean += time / static_cast<double>(world_.size());
-    }
+    constexpr double per_second = 1e9; // added up as whole nanoseconds
+    const double most = world_.max(mine),
+                 mean = static_cast<double>(world_.sum(static_cast<std::uint64_t>(mine * per_second))) /
+                        per_second / world_.size();
     last_look_ = step_;
     busy_at_look_ = times_.busy;
     const bool unbalanced = mean > least_busy_time && most > (1 + tolerated_imbalance) * mean;
@@ -246,31 +245,24 @@ Simulation::Census Simulation::count_all() const {
 /// @throws Error(run_failed) where particles, contacts or bonds were lost or doubled
 void Simulation::check_census(const Census& before, const Census& dropped) const {
     const Census after = count_all();
-    Census all_before, all_after;
-    struct Both {
-        Census before, dropped, after;
-    };
-    for (const Both& rank : world_.gather(Both{before, dropped, after})) {
-        all_before.pairs += rank.before.pairs;
-        all_before.keys += rank.before.keys;
-        all_after.particles += rank.after.particles;
-        all_after.ids += rank.after.ids;
-        all_after.pairs += rank.after.pairs + rank.dropped.pairs;
-        all_after.keys += rank.after.keys + rank.dropped.keys;
-    }
-    if (all_after.particles != total_ || all_after.ids != id_sum_)
+    std::array<std::uint64_t, 6> sums{
+        after.particles,          after.ids, before.pairs, before.keys, after.pairs + dropped.pairs,
+        after.keys + dropped.keys};
+    world_.sum(sums);
+    const auto [particles, ids, pairs_before, keys_before, pairs, keys] = sums;
+    if (particles != total_ || ids != id_sum_)
         throw Error(
             ExitCode::run_failed,
             fmt::format("step {}: {} particles after they changed ranks, expected {} (or one is there "
                         "twice): go on from the last checkpoint with another number of ranks",
-                        step_, all_after.particles, total_));
-    if (all_after.pairs != all_before.pairs || all_after.keys != all_before.keys)
+                        step_, particles, total_));
+    if (pairs != pairs_before || keys != keys_before)
         throw Error(
             ExitCode::run_failed,
             fmt::format("step {}: {} contacts and bonds after particles changed ranks, expected {} (or "
                         "one is there twice): go on from the last checkpoint with another number of "
                         "ranks",
-                        step_, all_after.pairs, all_before.pairs));
+                        step_, pairs, pairs_before));
 }
 
 std::size_t Simulation::home_of(std::uint64_t id) const {

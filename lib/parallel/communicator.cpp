@@ -14,6 +14,7 @@ namespace talus::parallel {
 
 struct Communicator::State {
     MPI_Comm world = MPI_COMM_NULL;
+    int exchanges = 0;
     ~State() {
         int ended = 0;
         MPI_Finalized(&ended);
@@ -48,6 +49,8 @@ void in_parts(const Communicator::Message& message, Post post) {
 }
 
 constexpr int tag = 1;
+/// Of sparse exchanges, in turns: a rank may begin the next one while another still looks for messages.
+constexpr int first_exchange_tag = 2;
 
 } // namespace
 
@@ -105,6 +108,12 @@ std::uint64_t Communicator::sum(std::uint64_t value) const {
     if (!alone())
         MPI_Allreduce(MPI_IN_PLACE, &value, 1, MPI_UINT64_T, MPI_SUM, state_->world);
     return value;
+}
+
+void Communicator::sum(std::span<std::uint64_t> values) const {
+    if (!alone())
+        MPI_Allreduce(MPI_IN_PLACE, values.data(), static_cast<int>(values.size()), MPI_UINT64_T, MPI_SUM,
+                      state_->world);
 }
 
 double Communicator::max(double value) const {
@@ -178,13 +187,55 @@ void Communicator::gather_bytes(const void* value, void* all, std::size_t bytes)
                       state_->world);
 }
 
-std::vector<std::size_t> Communicator::exchange_counts(const std::vector<std::size_t>& counts) const {
+/// Who sends whom is not known beforehand, and mostly few do: by non-blocking consensus (Hoefler, Siebert &
+/// Lumsdaine, "Scalable communication protocols for dynamic sparse data exchange", PPoPP 2010), so that it
+/// does not cost more with more ranks.
+std::vector<Communicator::Arrival> Communicator::exchange_bytes(std::span<const Message> out) const {
+    std::vector<Arrival> arrivals;
+    std::vector<MPI_Request> sends;
+    const int this_tag = alone() ? 0 : first_exchange_tag + (state_->exchanges++ & 1);
+    for (const Message& message : out) {
+        auto* data = static_cast<std::byte*>(message.data);
+        if (message.rank == rank_)
+            arrivals.push_back({rank_, {data, data + message.bytes}});
+        else
+            in_parts(message, [&](void* part, int count) {
+                MPI_Issend(part, count, MPI_BYTE, message.rank, this_tag, state_->world,
+                           &sends.emplace_back());
+            });
+    }
     if (alone())
-        return counts;
-    std::vector<std::size_t> coming(counts.size());
-    MPI_Alltoall(counts.data(), sizeof(std::size_t), MPI_BYTE, coming.data(), sizeof(std::size_t), MPI_BYTE,
-                 state_->world);
-    return coming;
+        return arrivals;
+    MPI_Request barrier = MPI_REQUEST_NULL;
+    for (bool in_barrier = false, done = false; !done;) {
+        int there = 0;
+        MPI_Status status;
+        MPI_Iprobe(MPI_ANY_SOURCE, this_tag, state_->world, &there, &status);
+        if (there) {
+            int count = 0;
+            MPI_Get_count(&status, MPI_BYTE, &count);
+            const auto from = std::find_if(arrivals.begin(), arrivals.end(),
+                                           [&](const Arrival& a) { return a.rank == status.MPI_SOURCE; });
+            Arrival& arrival =
+                from != arrivals.end() ? *from : arrivals.emplace_back(Arrival{status.MPI_SOURCE, {}});
+            const std::size_t had = arrival.bytes.size();
+            arrival.bytes.resize(had + static_cast<std::size_t>(count));
+            MPI_Recv(arrival.bytes.data() + had, count, MPI_BYTE, status.MPI_SOURCE, this_tag, state_->world,
+                     MPI_STATUS_IGNORE);
+        }
+        int sent = 0, all = 0;
+        if (in_barrier) {
+            MPI_Test(&barrier, &all, MPI_STATUS_IGNORE);
+        } else {
+            MPI_Testall(static_cast<int>(sends.size()), sends.data(), &sent, MPI_STATUSES_IGNORE);
+            if (sent) {
+                MPI_Ibarrier(state_->world, &barrier);
+                in_barrier = true;
+            }
+        }
+        done = all != 0;
+    }
+    return arrivals;
 }
 
 void Communicator::transfer(std::span<const Message> out, std::span<const Message> in) const {

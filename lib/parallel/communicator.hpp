@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <memory>
 #include <span>
 #include <string>
@@ -40,6 +41,7 @@ public:
     /// Bits that any rank has set.
     unsigned any(unsigned bits) const;
     std::uint64_t sum(std::uint64_t value) const; ///< modulo 2^64
+    void sum(std::span<std::uint64_t> values) const;
     double max(double value) const;
     double min(double value) const;
     /// Exact, so the same bits on any number of ranks.
@@ -69,20 +71,20 @@ public:
     template <class T>
     std::vector<T> exchange(const std::vector<std::vector<T>>& to, std::vector<std::size_t>& start) const {
         static_assert(std::is_trivially_copyable_v<T>);
-        std::vector<std::size_t> counts;
-        for (const std::vector<T>& part : to)
-            counts.push_back(part.size());
-        const std::vector<std::size_t> coming = exchange_counts(counts);
-        start.assign(coming.size() + 1, 0);
-        for (std::size_t r = 0; r < coming.size(); ++r)
-            start[r + 1] = start[r] + coming[r];
+        std::vector<Message> out;
+        for (std::size_t r = 0; r < to.size(); ++r)
+            if (!to[r].empty())
+                out.push_back({static_cast<int>(r), const_cast<T*>(to[r].data()), to[r].size() * sizeof(T)});
+        const std::vector<Arrival> arrivals = exchange_bytes(out);
+        start.assign(to.size() + 1, 0);
+        for (const Arrival& a : arrivals)
+            start[static_cast<std::size_t>(a.rank) + 1] = a.bytes.size() / sizeof(T);
+        for (std::size_t r = 0; r < to.size(); ++r)
+            start[r + 1] += start[r];
         std::vector<T> received(start.back());
-        std::vector<Message> out, in;
-        for (std::size_t r = 0; r < to.size(); ++r) {
-            out.push_back({static_cast<int>(r), const_cast<T*>(to[r].data()), to[r].size() * sizeof(T)});
-            in.push_back({static_cast<int>(r), received.data() + start[r], coming[r] * sizeof(T)});
-        }
-        transfer(out, in);
+        for (const Arrival& a : arrivals)
+            std::memcpy(static_cast<void*>(received.data() + start[static_cast<std::size_t>(a.rank)]),
+                        a.bytes.data(), a.bytes.size());
         return received;
     }
 
@@ -103,7 +105,11 @@ public:
 
 private:
     void gather_bytes(const void* value, void* all, std::size_t bytes) const;
-    std::vector<std::size_t> exchange_counts(const std::vector<std::size_t>& counts) const;
+    struct Arrival {
+        int rank;
+        std::vector<std::byte> bytes;
+    };
+    std::vector<Arrival> exchange_bytes(std::span<const Message> out) const;
 
     struct State;
     std::shared_ptr<State> state_;

@@ -233,7 +233,11 @@ void Dataset::append_rows(hid_t type, const void* values, hsize_t rows, const hs
     whole[0] += rows;
     if (!context_->alone()) {
         const Id stored(H5Dget_type(id_), H5Tclose);
-        context_->make_room(stored_bytes(H5Tget_size(stored), chunk_of(id_), all.offset, all.count));
+        const Dims chunk = chunk_of(id_);
+        Slab fresh = all; // rows that fit into the last chunk take no more room
+        fresh.offset[0] = (all.offset[0] + chunk[0] - 1) / chunk[0] * chunk[0];
+        fresh.count[0] = whole[0] > fresh.offset[0] ? whole[0] - fresh.offset[0] : 0;
+        context_->make_room(stored_bytes(H5Tget_size(stored), chunk, fresh.offset, fresh.count));
     }
     context_->settle(H5Dset_extent(id_, whole.data()) >= 0, path_, "extended");
     if (!context_->alone())

@@ -2,6 +2,7 @@
 #include "parallel/halo.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <limits>
 
 namespace talus::parallel {
@@ -108,13 +109,11 @@ std::vector<std::uint32_t> migrate(ParticleColumns& p, std::span<const int> dest
     return old_row;
 }
 
-Body Halo::shifted(const ParticleColumns& p, const Copy& copy) const {
-    Body body = p.bodies[copy.row];
-    Record& x = body.position;
-    x.x += copy.shift[0] * edges_.x;
-    x.y += copy.shift[1] * edges_.y;
-    x.z += copy.shift[2] * edges_.z;
-    return body;
+Vec3 Halo::shifted_position(const ParticleColumns& p, const Copy& copy) const {
+    Vec3 x = p.bodies[copy.row].position.vec();
+    for (int k = 0; k < 3; ++k)
+        x[k] += copy.shift[static_cast<std::size_t>(k)] * edges_[k];
+    return x;
 }
 
 void Halo::make(ParticleColumns& p, const Box& box, double reach) {
@@ -154,7 +153,7 @@ void Halo::make(ParticleColumns& p, const Box& box, double reach) {
                                          static_cast<std::int8_t>(sz)}};
                         send_.push_back(copy);
                         Traveller& t = to[static_cast<std::size_t>(rank)].emplace_back(pack(p, row));
-                        t.body = shifted(p, copy);
+                        t.body.position.set(shifted_position(p, copy));
                         t.shift = copy.shift;
                     }
                 }
@@ -225,15 +224,19 @@ void Halo::start_update(const ParticleColumns& p, bool all, unsigned bits) {
     all_ = all;
     outgoing_.resize(all ? send_.size() : wanted_out_.size());
     incoming_.resize(all ? p.halo : wanted_in_.size());
-    for (std::size_t k = 0; k < outgoing_.size(); ++k)
-        outgoing_[k] = shifted(p, send_[all ? k : wanted_out_[k]]);
+    for (std::size_t k = 0; k < outgoing_.size(); ++k) {
+        const Copy& copy = send_[all ? k : wanted_out_[k]];
+        const Body& body = p.bodies[copy.row];
+        outgoing_[k] = {shifted_position(p, copy), body.velocity.vec(), body.angular_velocity.vec(),
+                        std::bit_cast<std::array<float, 8>>(body.half_kick)};
+    }
     out_.clear();
     in_.clear();
     for (const Neighbour& n : neighbours_) {
         out_.push_back({n.rank, outgoing_.data() + (all ? n.send : n.wanted_out),
-                        (all ? n.sends : n.wanted_outs) * sizeof(Body)});
+                        (all ? n.sends : n.wanted_outs) * sizeof(Moving)});
         in_.push_back({n.rank, incoming_.data() + (all ? n.receive : n.wanted_in),
-                       (all ? n.receives : n.wanted_ins) * sizeof(Body)});
+                       (all ? n.receives : n.wanted_ins) * sizeof(Moving)});
     }
     world_.start(pending_, out_, in_, bits);
 }
@@ -242,7 +245,11 @@ unsigned Halo::finish_update(ParticleColumns& p) {
     const unsigned bits = world_.finish(pending_);
     for (std::size_t k = 0; k < incoming_.size(); ++k) {
         const std::size_t row = p.owned + (all_ ? k : wanted_in_[k]);
-        p.bodies[row] = incoming_[k];
+        Body& body = p.bodies[row];
+        body.position.set(incoming_[k].position);
+        body.velocity.set(incoming_[k].velocity);
+        body.angular_velocity.set(incoming_[k].angular_velocity);
+        body.half_kick = std::bit_cast<HalfKick>(incoming_[k].half_kick);
         if (!p.half_motion.empty())
             p.set_half_motion(row);
     }

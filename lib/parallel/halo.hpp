@@ -60,7 +60,7 @@ public:
     }
 
     /// Bytes sent and received in an update of the wanted copies.
-    std::size_t bytes_per_step() const { return (wanted_out_.size() + wanted_in_.size()) * sizeof(Body); }
+    std::size_t bytes_per_step() const { return (wanted_out_.size() + wanted_in_.size()) * sizeof(Moving); }
     std::size_t neighbours() const { return neighbours_.size(); }
     std::size_t memory() const;
 
@@ -75,15 +75,20 @@ private:
         std::size_t receive, receives; ///< its part of the halo
         std::size_t wanted_out, wanted_outs, wanted_in, wanted_ins;
     };
-    Body shifted(const ParticleColumns& p, const Copy& copy) const;
+    /// What of a body changes from step to step.
+    struct Moving {
+        Vec3 position, velocity, angular_velocity;
+        std::array<float, 8> half_kick; ///< a HalfKick without its alignment
+    };
+    Vec3 shifted_position(const ParticleColumns& p, const Copy& copy) const;
 
     const Communicator& world_;
     Vec3 edges_;
     std::vector<Copy> send_;
-    std::vector<Neighbour> neighbours_;     ///< by rank
-    std::vector<std::uint32_t> wanted_out_; ///< indices into send_
-    std::vector<std::uint32_t> wanted_in_;  ///< counted from the halo's first row
-    std::vector<Body> outgoing_, incoming_; ///< under way
+    std::vector<Neighbour> neighbours_;       ///< by rank
+    std::vector<std::uint32_t> wanted_out_;   ///< indices into send_
+    std::vector<std::uint32_t> wanted_in_;    ///< counted from the halo's first row
+    std::vector<Moving> outgoing_, incoming_; ///< under way
     std::vector<Communicator::Message> out_, in_;
     Communicator::Pending pending_;
     bool all_ = false; ///< of what is under way

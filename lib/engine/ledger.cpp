@@ -219,10 +219,6 @@ std::size_t Simulation::release(bool whole_mass) {
     return world_.sum(released.size());
 }
 
-bool Simulation::has_breaks() const {
-    return world_.alone() ? !breaks_.empty() : (asked_ & bonds_broke) != 0;
-}
-
 std::vector<BondBreak> Simulation::take_breaks() {
     if (world_.alone())
         return std::exchange(breaks_, {});

@@ -184,7 +184,7 @@ void Simulation::keep_lists_valid() {
 
 /// All ranks learn what any asks for, while close ghosts are brought up.
 unsigned Simulation::agree(unsigned bits) {
-    const unsigned asking = std::exchange(asking_, 0u) | (breaks_.empty() ? 0u : bonds_broke);
+    const unsigned asking = std::exchange(asking_, 0u);
     if (world_.alone()) {
         asked_ = asking;
         if (bits == 0)

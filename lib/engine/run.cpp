@@ -54,11 +54,13 @@ RunEnd run(Simulation& simulation, const Scene& scene, Observer& observer, RunPo
         bool frame_written = true;
         while (!ended(simulation, stage, simulation.steps() - position.stage_start)) {
             simulation.step();
-            if (simulation.has_breaks())
-                tell_breaks(simulation, observer);
             const std::int64_t stage_step = simulation.steps() - position.stage_start;
             const bool frame = due(stage_step, scene.frame_interval, dt);
-            if (due(stage_step, scene.series_interval, dt) || (frame && scene.series_interval <= 0))
+            const bool series =
+                due(stage_step, scene.series_interval, dt) || (frame && scene.series_interval <= 0);
+            if (series || frame)
+                tell_breaks(simulation, observer);
+            if (series)
                 observer.series(simulation);
             if (frame)
                 observer.frame(simulation);
@@ -66,8 +68,10 @@ RunEnd run(Simulation& simulation, const Scene& scene, Observer& observer, RunPo
             if (observer.stop(simulation))
                 return RunEnd::stopped;
         }
-        if (!frame_written)
+        if (!frame_written) {
+            tell_breaks(simulation, observer);
             observer.frame(simulation);
+        }
     }
     return RunEnd::done;
 }

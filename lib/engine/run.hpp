@@ -14,6 +14,7 @@ public:
     virtual void stage(const Stage& stage, const Simulation& simulation, std::size_t bonds_released) = 0;
     virtual void frame(const Simulation& simulation) = 0;
     virtual void series(const Simulation& simulation) = 0;
+    /// Those since the last call; before each frame and each row of the series.
     virtual void bonds_broken(std::span<const BondBreak> breaks, const Simulation& simulation) = 0;
     /// Asked after every step: true (on all ranks alike) ends the run there, to be resumed later.
     virtual bool stop(Simulation& simulation) = 0;

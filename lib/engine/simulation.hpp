@@ -154,8 +154,6 @@ public:
     /// Bonds broken since the last call, in the order of (step, i, j), as far as forces have been computed;
     /// all of them on rank 0, none on the others.
     std::vector<BondBreak> take_breaks();
-    /// Whether any may have broken before the last step; not collective.
-    bool has_breaks() const;
 
     SavedState save() const;
     void restore(const SavedState& state);
@@ -176,8 +174,6 @@ private:
         bool restored = false;      ///< from a checkpoint, of
         std::uint64_t expected = 0; ///< contacts in all
     };
-    /// Asked for by the engine itself, beside what the outside asks.
-    static constexpr unsigned bonds_broke = 1u << 16;
     /// Pairs whose forces are computed before the particles they complete are moved: 16 kB of forces.
     static constexpr std::size_t sweep_block = search::CandidateList::block;
     /// Blocks whose records are kept before their slots are used again: 320 kB.

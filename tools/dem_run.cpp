@@ -219,8 +219,10 @@ bool finished_before(const std::string& output, std::int64_t checkpoint_step) {
 
 void remove_checkpoints(const std::string& path) {
     std::error_code ignored;
-    std::filesystem::remove(path, ignored);
-    std::filesystem::remove(io::previous_checkpoint(path), ignored);
+    for (const std::string& name : {path, io::previous_checkpoint(path)}) {
+        std::filesystem::remove(name, ignored);
+        std::filesystem::remove(io::partial_path(name), ignored); // of a run that was killed while it wrote
+    }
 }
 
 } // namespace

@@ -478,8 +478,8 @@ struct TrajectoryWriter::State {
                 return;
             AtomicFile sidecar(sidecar_path(path), true);
             sidecar.write(xdmf());
+            sidecar.commit(); // first: a run killed in between goes on and makes it again
             output->commit();
-            sidecar.commit();
         });
     }
 

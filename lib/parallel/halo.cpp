@@ -49,6 +49,13 @@ void resize(ParticleColumns& p, std::size_t rows) {
         p.material.resize(rows);
 }
 
+/// Bodies that are copied are met at random: some way ahead they are asked for.
+constexpr std::size_t prefetch_distance = 16;
+void prefetch(const Body& body) {
+    __builtin_prefetch(&body.position);
+    __builtin_prefetch(&body.velocity);
+}
+
 struct Bounds {
     Vec3 lower, upper;
     bool empty = true;
@@ -225,7 +232,10 @@ void Halo::start_update(const ParticleColumns& p, bool all, unsigned bits) {
     outgoing_.resize(all ? send_.size() : wanted_out_.size());
     incoming_.resize(all ? p.halo : wanted_in_.size());
     for (std::size_t k = 0; k < outgoing_.size(); ++k) {
-        const Copy& copy = send_[all ? k : wanted_out_[k]];
+        const auto copy_at = [&](std::size_t at) { return send_[all ? at : wanted_out_[at]]; };
+        if (k + prefetch_distance < outgoing_.size())
+            prefetch(p.bodies[copy_at(k + prefetch_distance).row]);
+        const Copy copy = copy_at(k);
         const Body& body = p.bodies[copy.row];
         outgoing_[k] = {shifted_position(p, copy), body.velocity.vec(), body.angular_velocity.vec(),
                         std::bit_cast<std::array<float, 8>>(body.half_kick)};
@@ -244,6 +254,8 @@ void Halo::start_update(const ParticleColumns& p, bool all, unsigned bits) {
 unsigned Halo::finish_update(ParticleColumns& p) {
     const unsigned bits = world_.finish(pending_);
     for (std::size_t k = 0; k < incoming_.size(); ++k) {
+        if (!all_ && k + prefetch_distance < incoming_.size())
+            prefetch(p.bodies[p.owned + wanted_in_[k + prefetch_distance]]);
         const std::size_t row = p.owned + (all_ ? k : wanted_in_[k]);
         Body& body = p.bodies[row];
         body.position.set(incoming_[k].position);

@@ -325,8 +325,12 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
         } else {
             store_records(record, records, 4);
         }
-        const unsigned uncounted = broken | gather_bits(states, 7);
-        const M counted = hn::And(active, mask_of(~uncounted & 0xff));
+        unsigned uncounted = broken;
+        if (states & 0x8080808080808080u) [[unlikely]]
+            uncounted |= gather_bits(states, 7); // another rank counts these
+        M counted = active;
+        if (uncounted != 0) [[unlikely]]
+            counted = hn::And(active, mask_of(~uncounted & 0xff));
         tally.contacts += static_cast<std::size_t>(std::popcount(now & ~uncounted));
         dissipation.add(f.dissipation, counted, tally.dissipation);
         if constexpr (F::tangential)

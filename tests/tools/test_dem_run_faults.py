@@ -21,6 +21,14 @@ from talus_tools import BIN, DONE, FAILED, INPUT, ROOT, STOPPED, copy_with, data
 STATE = ("run.ckpt.h5", "run.ckpt.h5.prev", "run.h5", "run.h5.part")
 
 
+def alive(pid):
+    """Whether a process runs: one that only waits for its parent to take note of its end does not."""
+    try:
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
 class Faults(RankRuns):
     """The small slide with a step so short that it takes a second or two."""
 
@@ -50,13 +58,21 @@ class Faults(RankRuns):
             self.assertIsNone(process.poll(), f"ended before there was {name}: {self.files()}")
             time.sleep(0.001)
 
-    def wait_until_gone(self, processes):
-        """mpirun does not wait for the ranks that it kills: one may hold the trajectory for a moment longer."""
+    def end_of(self, process, ranks, where=""):
+        """Waits until no rank of a run lives any more, and for its launcher, which does not wait for ranks that it
+        kills; returns the exit code. About once in 300 kills Open MPI's launcher (4.1.4) locks itself up at its end
+        (in PMIx_server_finalize): it is killed then, the ranks being gone by that time."""
         for _ in range(12000):
-            if not any(pathlib.Path(f"/proc/{pid}").exists() for pid in processes):
-                return
+            if not any(alive(pid) for pid in ranks if pid != process.pid):
+                break
             time.sleep(0.01)
-        self.fail(f"ranks live on after their launcher: {processes}")
+        else:
+            self.fail(f"{where}ranks wait for one that was killed: {ranks}")
+        try:
+            return process.wait(20 if process.pid not in ranks else 120)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait(20)
 
     def kill_when_there_is(self, name):
         """A run that is killed once this file is there."""
@@ -88,11 +104,7 @@ class Kills(Faults):
                 os.kill(chance.choice(found), signal.SIGKILL)
             except (ProcessLookupError, IndexError):
                 pass  # ended already
-            try:
-                code = process.wait(120)
-            except subprocess.TimeoutExpired:
-                self.fail(f"{told}kill {killed}: the launcher waits for a killed rank")
-            self.wait_until_gone(found)
+            code = self.end_of(process, found, f"{told}kill {killed}: ")
             err = process.stderr.read()
             where = f"{told}kill {killed} of {ranks} ranks: exit {code}: {err}"
             if ranks == 1:
@@ -126,8 +138,7 @@ class KillsOfRanks(Kills):
         self.wait_for("run.ckpt.h5", process)
         found = self.ranks_of(process, 2)
         os.kill(found[1], signal.SIGKILL)
-        self.assertNotEqual(process.wait(120), DONE)
-        self.wait_until_gone(found)
+        self.assertNotEqual(self.end_of(process, found), DONE)
         self.assertWhole("run.ckpt.h5", "run.ckpt.h5.prev")
         self.assertNotIn("run.h5", self.files())
         self.ends_like_the_whole(1)

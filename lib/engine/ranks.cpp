@@ -37,8 +37,7 @@ std::uint64_t hash(std::uint64_t i, std::uint64_t j = 0) {
 
 } // namespace
 
-/// Cuts space by the particles' numbers of pairs, where there is a list, and brings everybody to his rank;
-/// histories do not go along.
+/// Cuts space by how many particles move and brings everybody to his rank; histories do not go along.
 void Simulation::cut_domains() {
     if (world_.alone())
         return;

@@ -38,8 +38,8 @@ TEST(PeriodicImages, AddingTheEdgeIsExactSoBranchVectorsAgreeThroughAnyImage) {
 
 TEST(PeriodicImages, MakesEveryImageWithinReachOnce) {
     const PeriodicImages images(Box{{0, 0, 0}, {1, 1, 1}, {true, true, true}});
-    ParticleColumns p =
-        particles_at(images, {{0.05, 0.5, 0.5}, {0.95, 0.02, 0.5}, {0.5, 0.5, 0.5}, {0, 0, 0}, {0.99, 0.9, 0.99}});
+    ParticleColumns p = particles_at(
+        images, {{0.05, 0.5, 0.5}, {0.95, 0.02, 0.5}, {0.5, 0.5, 0.5}, {0, 0, 0}, {0.99, 0.9, 0.99}});
     images.make_ghosts(p, 0.2);
     std::array<int, 5> count{};
     for (const auto owner : p.ghost_owner)
@@ -57,7 +57,8 @@ TEST(PeriodicImages, MakesEveryImageWithinReachOnce) {
 
 TEST(PeriodicImages, MakesNoneWhereNobodyIsNear) {
     const PeriodicImages images(Box{{0, 0, 0}, {1, 1, 1}, {true, false, false}});
-    ParticleColumns p = particles_at(images, {{0.05, 0.5, 0.5}, {0.4, 0.5, 0.5}}); // a rank with one half of it
+    ParticleColumns p =
+        particles_at(images, {{0.05, 0.5, 0.5}, {0.4, 0.5, 0.5}}); // a rank with one half of it
     images.make_ghosts(p, 0.2);
     EXPECT_EQ(p.ghosts(), 0u);
 }

@@ -1,30 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """dem-run: runs that are stopped, killed and taken up again, as if nothing had been."""
-import pathlib
-import shutil
 import signal
 import subprocess
-import tempfile
 import time
 
 import h5py
 import numpy as np
 
-from scenes import Scenes
+from rank_runs import RankRuns
 from talus_tools import BIN, CONFIGURATION, DONE, INPUT, STOPPED, copy_with, datasets, main
 
 
-class Interruptions(Scenes):
+class Interruptions(RankRuns):
     """A run of a couple of seconds that is stopped and taken up again must be the run that was never stopped."""
-
-    @classmethod
-    def setUpClass(cls):
-        """Model, scene and the run that is never stopped, once for all."""
-        cls.made = pathlib.Path(tempfile.mkdtemp(prefix="talus-test-"))
-        cls.addClassCleanup(shutil.rmtree, cls.made, ignore_errors=True)
-        once = cls("prepare")
-        once.folder = cls.made
-        once.prepare()
 
     def prepare(self):
         self.ok("pgbox-gen", "--radius", 0.09, "-o", "box.h5")
@@ -42,11 +30,6 @@ class Interruptions(Scenes):
             "output": {"frame_interval": "50ms", "series_interval": "10ms"},
             "stages": [{"name": "fall", "end": 0.2}, {"name": "rest", "end": 0.3, "damping": {"viscous": 5}}]})
         self.ok("dem-run", *self.arguments("whole.h5"))
-
-    def setUp(self):
-        super().setUp()
-        for name in ("model.h5", "other.h5", "scene.json", "whole.h5"):
-            shutil.copy(self.made / name, self.folder)
 
     def arguments(self, output="run.h5"):
         return ["model.h5", "-c", "scene.json", "-j", 1, "-q", "-o", output]

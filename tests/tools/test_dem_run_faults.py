@@ -147,7 +147,7 @@ class KillsOfRanks(Kills):
 class FullDisk(Faults):
     """The state of a run that was stopped lies on a disk with little room left, where it goes on."""
 
-    def goes_on_without_room(self, ranks, room, interval):
+    def goes_on_without_room(self, ranks, room, interval, *more):
         """Leaves what is then on the disk in the folder. `room`: kilobytes, or those of so many checkpoints."""
         self.stopped_early()
         seed = self.folder / "seed"
@@ -159,7 +159,7 @@ class FullDisk(Faults):
         used = sum(-(-path.stat().st_size // 4096) * 4 for path in seed.iterdir())
         script = 'cp seed/* disk/ && cd disk && "$@"; code=$?; cp -p * ..; exit $code'
         wrapper = [*self.small_disk(used + room), "/bin/sh", "-c", script, "sh", *mpirun(ranks)]
-        arguments = ["../slope.h5", "-c", "../scene.json", *self.resumed(interval=interval)[3:]]
+        arguments = ["../slope.h5", "-c", "../scene.json", *self.resumed(*more, interval=interval)[3:]]
         got = self.run_tool("dem-run", *arguments, wrapper=wrapper)
         self.assertEqual(got.code, FAILED, str(got))
         lines = got.err.splitlines()
@@ -171,7 +171,9 @@ class FullDisk(Faults):
         return lines[0]
 
     def full_during_a_checkpoint(self, ranks):
-        line = self.goes_on_without_room(ranks, 0.6, "0.05s")
+        # Nothing but the checkpoint is written: no frame, no row of the series, no other stage comes before it.
+        line = self.goes_on_without_room(ranks, 0.6, "0.05s", "--set", 'stages=[{"name": "settle", "end": 1000}]',
+                                         "--output.frame_interval", 1000, "--output.series_interval", 1000)
         self.assertTrue(line.startswith("dem-run: error: run.ckpt.h5: "), line)
         self.assertEqual((self.folder / "run.ckpt.h5").read_bytes(), (self.folder / "seed/run.ckpt.h5").read_bytes())
         self.ends_like_the_whole()

@@ -184,25 +184,21 @@ nlohmann::json predict(engine::Simulation& s, const engine::Scene& scene,
 void add_ranks(nlohmann::json& json, const engine::Simulation& s, const parallel::Communicator& world) {
     if (world.alone())
         return;
-    struct Rank {
-        engine::Simulation::Times times;
-        std::size_t particles, halo, bytes, neighbours;
-    };
-    const std::vector<Rank> all =
-        world.gather(Rank{s.times(), s.owned(), s.halo(), s.halo_bytes_per_step(), s.halo_neighbours()});
-    const auto list = [&](auto value) {
+    using Load = engine::Simulation::RankLoad;
+    const std::vector<Load> all = world.gather(s.rank_load());
+    const auto list = [&](auto Load::*value) {
         nlohmann::json values = nlohmann::json::array();
-        for (const Rank& rank : all)
-            values.push_back(value(rank));
+        for (const Load& load : all)
+            values.push_back(load.*value);
         return values;
     };
-    json["rank_busy_time"] = list([](const Rank& r) { return r.times.busy; });
-    json["rank_list_time"] = list([](const Rank& r) { return r.times.lists; });
-    json["rank_exchange_time"] = list([](const Rank& r) { return r.times.exchange; });
-    json["rank_particles"] = list([](const Rank& r) { return r.particles; });
-    json["rank_halo"] = list([](const Rank& r) { return r.halo; });
-    json["rank_halo_bytes_per_step"] = list([](const Rank& r) { return r.bytes; });
-    json["rank_neighbours"] = list([](const Rank& r) { return r.neighbours; });
+    json["rank_busy_time"] = list(&Load::busy);
+    json["rank_list_time"] = list(&Load::lists);
+    json["rank_exchange_time"] = list(&Load::exchange);
+    json["rank_particles"] = list(&Load::particles);
+    json["rank_halo"] = list(&Load::halo);
+    json["rank_halo_bytes_per_step"] = list(&Load::halo_bytes_per_step);
+    json["rank_neighbours"] = list(&Load::neighbours);
     json["domain_recuts"] = s.recuts();
 }
 
@@ -318,10 +314,9 @@ int main(int argc, char** argv) {
             tool.result(predict(simulation, scene, settings, common.threads, world));
             return;
         }
+        const auto first_finds = [&](const auto& what) { return world.any(first_rank && what()) != 0; };
         if (!usable.empty() &&
-            !io::from_first(ranks,
-                            first_rank && finished_before(common.output, start.state->step) ? "yes" : "")
-                 .empty()) {
+            first_finds([&] { return finished_before(common.output, start.state->step); })) {
             if (first_rank)
                 remove_checkpoints(saved);
             tool.warn(common.output + ": is complete already; only its checkpoint was left");
@@ -350,11 +345,9 @@ int main(int argc, char** argv) {
         const std::string config = tool.effective_config().dump();
         const io::Provenance provenance = tool.provenance_after(start.provenance);
         const io::Rows rows{simulation.first_id(), simulation.size()};
-        const bool goes_on =
-            start.trajectory &&
-            !io::from_first(
-                 ranks, first_rank && std::filesystem::exists(io::partial_path(common.output)) ? "yes" : "")
-                 .empty();
+        const bool goes_on = start.trajectory && first_finds([&] {
+                                 return std::filesystem::exists(io::partial_path(common.output));
+                             });
         if (start.state && !goes_on)
             tool.warn(common.output +
                       ": the frames before the checkpoint are gone; the trajectory starts there");

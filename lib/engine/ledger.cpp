@@ -73,7 +73,6 @@ void Simulation::collect_tallies(bool first) {
             breaks_[k].step = step_;
             breaks_[k].position = images_.box().wrap(breaks_[k].position);
         }
-        intact_bonds_ -= broken;
     }
     for (Integral& integral : integrals_) {
         if (first)
@@ -215,7 +214,6 @@ std::size_t Simulation::release(bool whole_mass) {
     std::sort(released.begin(), released.end(),
               [](const BondBreak& a, const BondBreak& b) { return std::tie(a.i, a.j) < std::tie(b.i, b.j); });
     breaks_.insert(breaks_.end(), released.begin(), released.end());
-    intact_bonds_ -= released.size();
     return world_.sum(released.size());
 }
 

@@ -166,20 +166,18 @@ void Simulation::keep_lists_valid() {
         else
             used_ = moved.used;
     }
-    const double start = wall_seconds();
     bits = agree(bits);
-    const double agreed = wall_seconds();
-    times_.exchange += agreed - start;
+    if (bits == 0)
+        return;
+    const double start = wall_seconds();
     if (bits & outer_list_is_worn) {
         rebuild(false);
-    } else if (bits & close_list_is_worn) {
+    } else {
         update_halo();
         images_.update_ghosts(particles_, team_);
         refresh();
-    } else {
-        return;
     }
-    times_.lists += wall_seconds() - agreed;
+    lists_time_ += wall_seconds() - start;
 }
 
 /// All ranks learn what any asks for, while close ghosts are brought up.
@@ -191,9 +189,11 @@ unsigned Simulation::agree(unsigned bits) {
             images_.update_ghosts(particles_, close_ghosts_, team_);
         return bits;
     }
+    const double start = wall_seconds();
     halo_.start_update(particles_, false, bits | asking << own_bits);
     images_.update_ghosts(particles_, close_ghosts_, team_); // meanwhile
     const unsigned all = halo_.finish_update(particles_);
+    exchange_time_ += wall_seconds() - start;
     asked_ = all >> own_bits;
     return all & ((1u << own_bits) - 1);
 }
@@ -269,14 +269,14 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
         motion_.set_still();
     motion_holds_for_ = world_.min(motion_.holds_for());
     set_outer_shares();
+    if (kernel_.traits.mixed) {
+        p.half_motion.resize(p.known());
+        for (std::size_t row = 0; row < p.known(); ++row)
+            p.set_half_motion(row);
+    }
     const auto own_end = outer_share_.begin() + static_cast<std::ptrdiff_t>(p.owned);
     wall_skin_ = p.owned == 0 ? 0 : 2.0 * *std::max_element(outer_share_.begin(), own_end);
     images_.make_ghosts(p, touch + wall_skin_);
-    if (kernel_.traits.mixed) {
-        p.half_motion.resize(p.size());
-        for (std::size_t row = 0; row < p.size(); ++row)
-            p.set_half_motion(row);
-    }
     if (first)
         order.clear();
     set_shares();
@@ -295,7 +295,8 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
     const search::CandidateList::Missed missed =
         list_.rebuild(p, reach_factor_, bond_reach_, outer_share_, close_factor, share_, order, old_owned,
                       wrapped, live(), keys, team_);
-    set_shares();
+    if (all_bonds)
+        set_shares();
     if (missed.bound > 0)
         throw Error(ExitCode::run_failed,
                     fmt::format("{} bonds were stretched beyond the candidate list at step {}: take "
@@ -346,72 +347,6 @@ void Simulation::refresh() {
     set_shares();
     list_.refresh(particles_, share_, live(), team_);
     take_close_list();
-}
-
-/// Rows that cannot be moved when their own pairs are done, because another thread computes one of their
-/// pairs, or a later block does (pairs are held by the smaller particle where sizes differ much).
-void Simulation::find_late_rows() {
-    hold_.assign(particles_.known(), 1);
-    late_.resize(static_cast<std::size_t>(team_.size()));
-    for (auto& rows : late_)
-        rows.clear();
-    for_sweep_parts([&](std::size_t begin, std::size_t end, std::size_t row, std::size_t last_row,
-                        int thread) {
-        for (; row < last_row; ++row) {
-            if (particles_.species[row] == Species::fixed) {
-                hold_[row] = 1;
-                continue;
-            }
-            const std::size_t own_end = list_.first(row + 1);
-            const std::size_t done = std::min(end, (own_end + sweep_block - 1) / sweep_block * sweep_block);
-            bool late = own_end > end;
-            for (const search::Reference r : list_.references(row))
-                late = late || r.candidate() < begin || r.candidate() >= done;
-            hold_[row] = late ? 2 : 0;
-            if (late)
-                late_[static_cast<std::size_t>(thread)].push_back(static_cast<std::uint32_t>(row));
-        }
-    });
-}
-
-/// Gives each pair's record a slot: in a ring of some blocks per thread where both its particles are done by
-/// the time the slot is used again, else one of its own, to which it is copied.
-void Simulation::assign_slots() {
-    const ParticleColumns& p = particles_;
-    const std::span<std::uint32_t> slot = list_.labels();
-    const std::size_t blocks = (list_.size() + sweep_block - 1) / sweep_block;
-    const auto last_block = [&](std::size_t row) { // in which the row is moved
-        return (std::max<std::size_t>(list_.first(row + 1), 1) - 1) / sweep_block;
-    };
-    constexpr std::uint32_t far = search::no_candidate;
-    team_.for_range(list_.size(), [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t k = begin; k < end; ++k) {
-            const search::Candidate c = list_.candidates()[k];
-            const auto waits = [&](std::size_t row) {
-                return hold_[row] == 2 ||
-                       (hold_[row] == 0 && last_block(row) >= k / sweep_block + ring_blocks);
-            };
-            slot[k] = waits(p.owner(c.i)) || waits(p.owner(c.j)) ? far : 0;
-        }
-    });
-    far_pairs_.clear();
-    far_start_.assign(blocks + 1, 0);
-    const std::size_t rings = static_cast<std::size_t>(team_.size()) * ring_blocks * sweep_block;
-    for (std::size_t k = 0; k < list_.size(); ++k)
-        if (slot[k] == far) {
-            slot[k] = static_cast<std::uint32_t>(rings + far_pairs_.size());
-            far_pairs_.push_back(static_cast<std::uint32_t>(k));
-            ++far_start_[k / sweep_block + 1];
-        }
-    std::partial_sum(far_start_.begin(), far_start_.end(), far_start_.begin());
-    for_sweep_parts([&](std::size_t begin, std::size_t end, std::size_t, std::size_t, int thread) {
-        for (std::size_t k = begin; k < end; ++k)
-            if (slot[k] == 0)
-                slot[k] = static_cast<std::uint32_t>(
-                    first_slot(static_cast<std::size_t>(thread), k / sweep_block) + k % sweep_block);
-    });
-    pairs_.make_slots(rings + far_pairs_.size() + PairColumns::padding, kernel_.traits);
-    list_.relabel(team_);
 }
 
 /// What depends on the close list and comes after it.

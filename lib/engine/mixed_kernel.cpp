@@ -202,13 +202,7 @@ void mixed_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tally
                        side_by_side(force.z, hn::IfThenElseZero(active_single, f.damping)),
                        side_by_side(couple.x, couple.y), side_by_side(couple.z, zero_single)},
                       records, 4);
-        unsigned uncounted = broken;
-        if (states & 0x8080808080808080u) [[unlikely]]
-            uncounted |= gather_bits(states, 7); // another rank counts these
-        M counted = active;
-        if (uncounted != 0) [[unlikely]]
-            counted = hn::And(active, mask_of(~uncounted & 0xff));
-        tally.contacts += static_cast<std::size_t>(std::popcount(now & ~uncounted));
+        const M counted = count_contacts(active, now, broken, states, tally);
         dissipation.add(hn::PromoteTo(d, f.dissipation), counted, tally.dissipation);
         if constexpr (F::tangential)
             intake.add(hn::PromoteTo(d, f.tangential_intake), counted, tally.intake);

@@ -3,6 +3,7 @@
 /// the proof that nothing was lost on the way.
 #include "base/error.hpp"
 #include "engine/simulation.hpp"
+#include "search/find_rows.hpp"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -37,28 +38,37 @@ std::uint64_t hash(std::uint64_t i, std::uint64_t j = 0) {
 
 } // namespace
 
-/// Cuts space by how many particles move and brings everybody to his rank; histories do not go along.
-void Simulation::cut_domains() {
-    if (world_.alone())
-        return;
+template <class Weight>
+void Simulation::cut_by(Weight weight) {
     const ParticleColumns& p = particles_;
     std::vector<Vec3> points(p.owned);
     std::vector<float> weights(p.owned);
     for (std::size_t row = 0; row < p.owned; ++row) {
-        points[row] = images_.box().wrap(p.bodies[row].position.vec());
-        weights[row] = p.species[row] == Species::fixed ? fixed_cost : row_cost;
+        points[row] = p.bodies[row].position.vec();
+        weights[row] = static_cast<float>(weight(row));
     }
     domains_.cut(points, weights);
+}
+
+/// Cuts space by how many particles move and brings everybody to his rank; histories do not go along.
+void Simulation::cut_domains() {
+    if (world_.alone())
+        return;
+    std::vector<std::array<std::int8_t, 3>> ignored;
+    images_.wrap(particles_, ignored);
+    cut_by(
+        [&](std::size_t row) { return particles_.species[row] == Species::fixed ? fixed_cost : row_cost; });
     last_look_ = step_;
-    busy_at_look_ = times_.busy;
+    busy_at_look_ = busy_;
     parallel::migrate(particles_, destinations(), world_);
 }
 
+/// Rank of each owned row, whose positions are wrapped.
 std::vector<int> Simulation::destinations() const {
     const ParticleColumns& p = particles_;
     std::vector<int> rank(p.owned);
     for (std::size_t row = 0; row < p.owned; ++row)
-        rank[row] = domains_.rank_of(images_.box().wrap(p.bodies[row].position.vec()));
+        rank[row] = domains_.rank_of(p.bodies[row].position.vec());
     return rank;
 }
 
@@ -66,31 +76,27 @@ std::vector<int> Simulation::destinations() const {
 void Simulation::recut_where_unbalanced() {
     if (step_ - last_look_ < steps_between_looks)
         return;
-    const double mine = times_.busy - busy_at_look_;
+    const double mine = busy_ - busy_at_look_;
     constexpr double per_second = 1e9; // added up as whole nanoseconds
     const double most = world_.max(mine),
                  mean = static_cast<double>(world_.sum(static_cast<std::uint64_t>(mine * per_second))) /
                         per_second / world_.size();
     last_look_ = step_;
-    busy_at_look_ = times_.busy;
+    busy_at_look_ = busy_;
     const bool unbalanced = mean > least_busy_time && most > (1 + tolerated_imbalance) * mean;
     if (!std::exchange(was_unbalanced_, unbalanced) || !unbalanced)
         return;
     was_unbalanced_ = false;
-    const ParticleColumns& p = particles_;
-    std::vector<Vec3> points(p.owned);
-    std::vector<float> weights(p.owned);
+    const auto cost = [&](std::size_t row) {
+        return particles_.species[row] == Species::fixed
+                   ? double{fixed_cost}
+                   : row_cost + static_cast<double>(list_.references(row).size());
+    };
     double sum = 0;
-    for (std::size_t row = 0; row < p.owned; ++row) {
-        points[row] = p.bodies[row].position.vec();
-        weights[row] = p.species[row] == Species::fixed
-                           ? fixed_cost
-                           : row_cost + static_cast<float>(list_.references(row).size());
-        sum += weights[row];
-    }
-    for (float& weight : weights)
-        weight = static_cast<float>(weight * std::max(mine, 0.1 * mean) / sum);
-    domains_.cut(points, weights);
+    for (std::size_t row = 0; row < particles_.owned; ++row)
+        sum += cost(row);
+    const double time_of_cost = std::max(mine, 0.1 * mean) / sum;
+    cut_by([&](std::size_t row) { return cost(row) * time_of_cost; });
     ++recuts_;
 }
 
@@ -144,7 +150,7 @@ std::vector<std::uint32_t> Simulation::change_ranks(std::vector<std::array<std::
     const auto before = wrapped;
     wrapped.assign(particles_.owned, {});
     for (std::size_t row = 0; row < particles_.owned; ++row)
-        if (order[row] != parallel::no_row)
+        if (order[row] != no_row)
             wrapped[row] = before[order[row]];
     return order;
 }
@@ -152,13 +158,11 @@ std::vector<std::uint32_t> Simulation::change_ranks(std::vector<std::array<std::
 void Simulation::give_walls(const std::vector<CarriedWall>& carried) {
     std::unordered_map<std::uint64_t, std::uint32_t> row_of;
     for (const CarriedWall& c : carried)
-        row_of.emplace(c.id, parallel::no_row);
-    for (std::uint32_t row = 0; row < particles_.owned && !carried.empty(); ++row)
-        if (const auto it = row_of.find(particles_.id[row]); it != row_of.end())
-            it->second = row;
+        row_of.emplace(c.id, no_row);
+    search::find_rows(particles_, row_of);
     for (const CarriedWall& c : carried) {
         const std::uint32_t row = row_of.at(c.id);
-        WallContacts::Entry* entry = row == parallel::no_row ? nullptr : walls_.find(row, c.wall);
+        WallContacts::Entry* entry = row == no_row ? nullptr : walls_.find(row, c.wall);
         if (entry == nullptr)
             throw Error(ExitCode::run_failed,
                         fmt::format("the contact of particle {} with wall {} was lost at step {}: take a "
@@ -166,6 +170,16 @@ void Simulation::give_walls(const std::vector<CarriedWall>& carried) {
                                     c.id, c.wall, step_));
         entry->history = c.history;
     }
+}
+
+Simulation::RankLoad Simulation::rank_load() const {
+    return {busy_,
+            lists_time_,
+            exchange_time_,
+            particles_.owned,
+            particles_.halo,
+            halo_.bytes_per_step(),
+            halo_.neighbours()};
 }
 
 void Simulation::mark_pairs_counted_elsewhere() {
@@ -184,39 +198,16 @@ void Simulation::mark_pairs_counted_elsewhere() {
 
 /// Lets the local motion know how other ranks' particles near by move.
 void Simulation::share_motion() {
-    const ParticleColumns& p = particles_;
-    struct Place {
-        Vec3 lower, upper;
-        std::size_t count;
-        std::array<Vec3, 2> velocity;
-    } mine{{}, {}, p.owned, motion_.velocity_range()};
-    for (std::size_t row = 0; row < p.owned && !world_.alone(); ++row) {
-        const Vec3 x = p.bodies[row].position.vec();
-        for (int k = 0; k < 3; ++k) {
-            mine.lower[k] = row == 0 ? x[k] : std::min(mine.lower[k], x[k]);
-            mine.upper[k] = row == 0 ? x[k] : std::max(mine.upper[k], x[k]);
-        }
-    }
-    std::array<Vec3, 2> range = mine.velocity;
+    const std::array<Vec3, 2> mine = motion_.velocity_range();
+    std::array<double, 6> range{-mine[0].x, -mine[0].y, -mine[0].z, mine[1].x, mine[1].y, mine[1].z};
+    world_.max(range);
     std::vector<std::vector<search::LocalMotion::Part>> to(static_cast<std::size_t>(world_.size()));
-    const std::vector<Place> places = world_.gather(mine);
-    const Vec3 edges = images_.box().lengths();
-    const auto most = [&](int k) { return images_.box().periodic[static_cast<std::size_t>(k)] ? 1 : 0; };
-    for (std::size_t r = 0; r < places.size(); ++r) {
-        const Place& place = places[r];
-        for (int k = 0; k < 3; ++k) {
-            range[0][k] = std::min(range[0][k], place.velocity[0][k]);
-            range[1][k] = std::max(range[1][k], place.velocity[1][k]);
-        }
-        if (r == rank() || place.count == 0 || p.owned == 0)
-            continue;
-        for (int sx = -most(0); sx <= most(0); ++sx)
-            for (int sy = -most(1); sy <= most(1); ++sy)
-                for (int sz = -most(2); sz <= most(2); ++sz)
-                    motion_.add_parts_near(place.lower, place.upper,
-                                           {sx * edges.x, sy * edges.y, sz * edges.z}, to[r]);
-    }
-    motion_.find_shear(world_.exchange(to), range, team_);
+    halo_.for_near_ranks(motion_.distance(), [&](int r, const std::array<std::int8_t, 3>&, const Vec3& shift,
+                                                 const parallel::Bounds& theirs, const parallel::Bounds&) {
+        motion_.add_parts_near(theirs.lower, theirs.upper, shift, to[static_cast<std::size_t>(r)]);
+    });
+    motion_.find_shear(world_.exchange(to),
+                       {Vec3{-range[0], -range[1], -range[2]}, Vec3{range[3], range[4], range[5]}}, team_);
 }
 
 void Simulation::Census::add_pair(std::uint64_t i, std::uint64_t j, bool bonded) {
@@ -249,12 +240,12 @@ void Simulation::check_census(const Census& before, const Census& dropped) const
         after.keys + dropped.keys};
     world_.sum(sums);
     const auto [particles, ids, pairs_before, keys_before, pairs, keys] = sums;
-    if (particles != total_ || ids != id_sum_)
+    if (particles != size() || ids != id_sum_)
         throw Error(
             ExitCode::run_failed,
             fmt::format("step {}: {} particles after they changed ranks, expected {} (or one is there "
                         "twice): go on from the last checkpoint with another number of ranks",
-                        step_, particles, total_));
+                        step_, particles, size()));
     if (pairs != pairs_before || keys != keys_before)
         throw Error(
             ExitCode::run_failed,

@@ -99,19 +99,20 @@ public:
     /// Computes the forces at the present time, where that has not been done; all that reports state does it.
     void evaluate();
 
-    std::size_t size() const { return total_; } ///< particles of all ranks
+    std::size_t size() const { return block_start_.back(); } ///< particles of all ranks
     std::uint64_t first_id() const { return block_start_[rank()]; }
     std::size_t block_size() const { return block_start_[rank() + 1] - block_start_[rank()]; }
-    std::size_t owned() const { return particles_.owned; } ///< particles that this rank computes now
-    std::size_t halo() const { return particles_.halo; }   ///< copies of others' that it has
-    std::size_t halo_bytes_per_step() const { return halo_.bytes_per_step(); }
-    std::size_t halo_neighbours() const { return halo_.neighbours(); }
-    /// Where this rank's time went since the start, with several ranks: s of computing forces and moves
-    /// (processor time), of making lists and of exchanging the halo with waiting for others (wall time).
-    struct Times {
-        double busy = 0, lists = 0, exchange = 0;
+    /// What this rank has to do and where its time went since the start, where there are several.
+    struct RankLoad {
+        double busy = 0;                     ///< s of computing forces and moves, processor time
+        double lists = 0;                    ///< s of making lists, wall time
+        double exchange = 0;                 ///< s of exchanging the halo and waiting for others, wall time
+        std::size_t particles = 0;           ///< computed here now
+        std::size_t halo = 0;                ///< copies of others'
+        std::size_t halo_bytes_per_step = 0; ///< out and in
+        std::size_t neighbours = 0;
     };
-    const Times& times() const { return times_; }
+    RankLoad rank_load() const;
     std::size_t recuts() const { return recuts_; } ///< how often domains were cut anew
     std::size_t mobile_count() const { return mobile_; }
 
@@ -248,6 +249,8 @@ private:
         std::uint64_t particles = 0, ids = 0, pairs = 0, keys = 0;
         void add_pair(std::uint64_t i, std::uint64_t j, bool bonded);
     };
+    template <class Weight>
+    void cut_by(Weight weight);
     void cut_domains();
     void recut_where_unbalanced();
     std::vector<int> destinations() const;
@@ -292,16 +295,16 @@ private:
     double wall_travel_ = 0;           ///< m, of the walls since the outer list was made
     double wall_used_ = 0;             ///< m, by which anybody can have come nearer to a wall since then
     double viscous_damping_ = 0;
-    bool current_ = false;                 ///< the forces are those at the present time
-    std::uint64_t total_ = 0, id_sum_ = 0; ///< particles of all ranks, and a sum over hashes of their ids
+    bool current_ = false;                         ///< the forces are those at the present time
+    std::uint64_t id_sum_ = 0;                     ///< over hashes of all ranks' particles' ids
     std::vector<std::uint64_t> block_start_{0, 0}; ///< first id of each rank's block
     unsigned asking_ = 0, asked_ = 0;
-    Times times_;
-    double busy_at_look_ = 0;     ///< s
-    std::int64_t last_look_ = 0;  ///< step
-    bool was_unbalanced_ = false; ///< then
+    double busy_ = 0, lists_time_ = 0, exchange_time_ = 0; ///< s, see RankLoad
+    double busy_at_look_ = 0;                              ///< s
+    std::int64_t last_look_ = 0;                           ///< step
+    bool was_unbalanced_ = false;                          ///< then
     std::size_t recuts_ = 0;
-    std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, refreshes_ = 0, intact_bonds_ = 0;
+    std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, refreshes_ = 0;
     search::LocalMotion motion_;  ///< when the outer list was made
     double motion_holds_for_ = 0; ///< s, on all ranks
     Vec3 listed_origin_;
@@ -314,7 +317,7 @@ private:
     std::vector<std::uint32_t>
         close_ghosts_; ///< those in the close list: the others are brought up with the lists
     std::vector<std::size_t> complete_rows_; ///< rows whose pairs all stand before the k-th block of pairs
-    std::vector<std::uint8_t> hold_;         ///< [owned] rows that do not move with the sweep
+    std::vector<std::uint8_t> hold_;         ///< [known] rows that do not move with the sweep
     std::vector<std::vector<std::uint32_t>> late_; ///< by thread: rows that wait for pairs of others
     NetColumns net_;                       ///< what acts at the present time, where the forces are current
     ExactSum contact_force_;               ///< N, sum over pairs of the magnitudes then

@@ -252,18 +252,15 @@ void Simulation::restore(const SavedState& s) {
         e.history = {};
     cut_domains();
     rebuild(true, restored_contacts(s));
-    intact_bonds_ = count_bonds();
 
     // Pair forces are needed for reports only: compute them on a copy of the history, which stays as saved.
     // The next step starts from the saved accelerations.
     PairColumns kept = pairs_;
     const std::vector<WallContacts::Entry> kept_walls(walls_.entries().begin(), walls_.entries().end());
-    const std::size_t kept_bonds = intact_bonds_;
     compute_forces(0);
     pairs_ = std::move(kept);
     for (std::size_t k = 0; k < kept_walls.size(); ++k)
         walls_.entries()[k].history = kept_walls[k].history;
-    intact_bonds_ = kept_bonds;
     breaks_.clear();
     send_to_owners([&](std::size_t k) { return row_of_state(s, k, first_id() + k); },
                    [&](std::size_t row, const ParticleRow& r) {
@@ -307,7 +304,7 @@ Simulation::Carried Simulation::restored_contacts(const SavedState& s) const {
     std::vector<std::vector<PairRow>> to_home(ranks), to_owner(ranks);
     for (std::size_t c = 0; c < s.contact_pair.size(); ++c) {
         const auto [i, j] = s.contact_pair[c];
-        if (i >= total_ || j >= total_)
+        if (i >= size() || j >= size())
             lost(i, j);
         const PairRow pair{
             i, j, s.contact_image[c], {s.contact_displacement[c], s.contact_offset[c], s.contact_state[c]}};
@@ -338,7 +335,7 @@ Simulation::Carried Simulation::restored_contacts(const SavedState& s) const {
     std::vector<std::vector<WallRow>> walls_home(ranks), walls_owner(ranks);
     for (std::size_t c = 0; c < s.wall_pair.size(); ++c) {
         const auto [id, wall] = s.wall_pair[c];
-        if (id >= total_ || wall >= walls_.count())
+        if (id >= size() || wall >= walls_.count())
             lost(id, wall);
         walls_home[home_of(id)].push_back(
             {id, wall, {s.wall_displacement[c], s.wall_offset[c], s.wall_state[c]}});

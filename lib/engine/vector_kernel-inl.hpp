@@ -71,6 +71,18 @@ private:
     hn::Vec<I> low_, high_;
 };
 
+/// Counts the active pairs; returns those whose energies count here and now: not those that another rank
+/// counts nor those that break, which go one by one.
+HWY_INLINE M count_contacts(const M& active, unsigned now, unsigned broken, std::uint64_t states,
+                            Tally& tally) {
+    static_assert(counted_elsewhere == 0x80);
+    unsigned uncounted = broken;
+    if (states & 0x8080808080808080u) [[unlikely]]
+        uncounted |= gather_bits(states, 7);
+    tally.contacts += static_cast<std::size_t>(std::popcount(now & ~uncounted));
+    return uncounted == 0 ? active : hn::And(active, mask_of(~uncounted & 0xff));
+}
+
 HWY_INLINE LaneConstants<V> same_constants(const contact::Constants& c) {
     const D d;
     return {hn::Set(d, c.normal_stiffness), hn::Set(d, c.tangential_stiffness), hn::Set(d, c.damping),
@@ -325,13 +337,7 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
         } else {
             store_records(record, records, 4);
         }
-        unsigned uncounted = broken;
-        if (states & 0x8080808080808080u) [[unlikely]]
-            uncounted |= gather_bits(states, 7); // another rank counts these
-        M counted = active;
-        if (uncounted != 0) [[unlikely]]
-            counted = hn::And(active, mask_of(~uncounted & 0xff));
-        tally.contacts += static_cast<std::size_t>(std::popcount(now & ~uncounted));
+        const M counted = count_contacts(active, now, broken, states, tally);
         dissipation.add(f.dissipation, counted, tally.dissipation);
         if constexpr (F::tangential)
             intake.add(f.tangential_intake, counted, tally.intake);

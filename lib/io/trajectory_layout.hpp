@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include "base/vec3.hpp"
+#include "io/hdf_file.hpp"
 
 #include <algorithm>
 #include <cstddef>
@@ -37,6 +38,16 @@ constexpr std::string_view field_unit(std::string_view field) {
     if (field == "torque")
         return "N m";
     return "";
+}
+
+/// Appends the datasets below a group, as "a/b", to `names`.
+inline void collect_names(const hdf::Group& group, const std::string& prefix,
+                          std::vector<std::string>& names) {
+    for (const std::string& name : group.names())
+        if (group.is_group(name))
+            collect_names(group.group(name), prefix + name + "/", names);
+        else
+            names.push_back(prefix + name);
 }
 
 } // namespace talus::io::layout

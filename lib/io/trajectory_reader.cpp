@@ -94,18 +94,6 @@ struct TrajectoryReader::State {
     }
 };
 
-namespace {
-
-void collect(const hdf::Group& group, const std::string& prefix, std::vector<std::string>& names) {
-    for (const std::string& name : group.names())
-        if (group.is_group(name))
-            collect(group.group(name), prefix + name + "/", names);
-        else
-            names.push_back(prefix + name);
-}
-
-} // namespace
-
 TrajectoryReader::TrajectoryReader(const std::string& path, Accept accept)
     : state_(std::make_unique<State>()) {
     state_->open(path, accept);
@@ -180,7 +168,7 @@ std::vector<std::string> TrajectoryReader::series_names() const {
     std::vector<std::string> names;
     const hdf::Group root = state_->file.root();
     if (root.has(layout::series))
-        collect(root.group(layout::series), "", names);
+        layout::collect_names(root.group(layout::series), "", names);
     std::sort(names.begin(), names.end());
     return names;
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "io/atomic_file.hpp"
+#include "io/growing_column.hpp"
 #include "io/schema.hpp"
 #include "io/trajectory_file.hpp"
 #include "io/trajectory_layout.hpp"
@@ -16,50 +17,6 @@
 namespace talus::io {
 namespace {
 
-constexpr hsize_t block = layout::rows_at_once;
-
-bool ends_with_any(std::string_view text, std::initializer_list<std::string_view> ends) {
-    return std::any_of(ends.begin(), ends.end(), [&](std::string_view end) { return text.ends_with(end); });
-}
-
-/// A growing column without compression: its chunks keep their size and are rewritten in place, so that what
-/// was flushed stays whole while the next rows arrive.
-struct Growing {
-    hdf::Dataset dataset;
-    hsize_t rows = 0;
-    hsize_t lasting = 0; ///< chunks that are full and known to last
-
-    template <class T>
-    static Growing create(const hdf::Group& group, const std::string& name, std::string_view unit,
-                          hsize_t width = 1) {
-        const hdf::Dims dims = width > 1 ? hdf::Dims{0, width} : hdf::Dims{0};
-        const hdf::Dims chunk = width > 1 ? hdf::Dims{block, width} : hdf::Dims{block};
-        return {group.create(name, hdf::file_type<T>(), dims,
-                             {.unit = unit, .chunk = chunk, .extendable = true})};
-    }
-    /// As a resumed file has it; its full chunks are known.
-    static Growing open(const hdf::Group& group, const std::string& name) {
-        Growing column{group.dataset(name)};
-        const hdf::Dims dims = column.dataset.dims();
-        column.rows = dims.empty() ? 0 : dims[0];
-        column.lasting = column.rows / block;
-        return column;
-    }
-    template <class T>
-    void append(const T* values, hsize_t count) {
-        dataset.append(values, count);
-        rows += count;
-    }
-    /// Adds the chunks that have become full to `extents`; after a flush.
-    void find_full(std::vector<Extent>& extents) {
-        hdf::Dims count = dataset.dims(), offset(count.size(), 0);
-        offset[0] = lasting * block;
-        count[0] = rows / block * block - offset[0];
-        dataset.find_chunks(offset, count, extents);
-        lasting = rows / block;
-    }
-};
-
 /// Brings `items` (as a file lists them) into the order of `given`; what is not in `given` goes to the end.
 template <class Item, class Given>
 void order_as(std::vector<Item>& items, const std::vector<Given>& given) {
@@ -70,47 +27,7 @@ void order_as(std::vector<Item>& items, const std::vector<Given>& given) {
                      [&](const Item& a, const Item& b) { return place(a) < place(b); });
 }
 
-void collect(const hdf::Group& group, const std::string& prefix, std::vector<std::string>& names) {
-    for (const std::string& name : group.names())
-        if (group.is_group(name))
-            collect(group.group(name), prefix + name + "/", names);
-        else
-            names.push_back(prefix + name);
-}
-
 } // namespace
-
-std::string_view series_unit(std::string_view name) {
-    const std::string_view full = name;
-    name = name.substr(name.find_last_of('/') + 1);
-    for (const std::string_view axis : {"_x", "_y", "_z"})
-        if (name.ends_with(axis))
-            name.remove_suffix(2);
-    if (ends_with_any(name, {"strain", "ratio", "fraction", "error", "count", "step"}))
-        return "";
-    if (name == "time" || name.ends_with("_time"))
-        return "s";
-    if (ends_with_any(name, {"stress", "pressure"}))
-        return "Pa";
-    if (ends_with_any(name, {"angular_velocity"}))
-        return "rad s-1";
-    if (ends_with_any(name, {"velocity", "speed"}))
-        return "m s-1";
-    if (ends_with_any(name, {"energy", "work", "dissipation"}) ||
-        full.find("energy/") != std::string_view::npos)
-        return "J";
-    if (ends_with_any(name, {"force"}))
-        return "N";
-    if (ends_with_any(name, {"torque"}))
-        return "N m";
-    if (ends_with_any(name, {"position", "height", "displacement", "distance", "radius", "length"}))
-        return "m";
-    if (ends_with_any(name, {"volume"}))
-        return "m3";
-    if (ends_with_any(name, {"mass"}))
-        return "kg";
-    return "";
-}
 
 struct TrajectoryWriter::State {
     std::string path;
@@ -249,7 +166,7 @@ struct TrajectoryWriter::State {
                                            frame_times.size(), rows.total));
         const hdf::Group series = root.group(layout::series);
         std::vector<std::string> names;
-        collect(series, "", names);
+        layout::collect_names(series, "", names);
         for (const std::string& name : names)
             columns.push_back({name, Growing::open(series, name), {}});
         stage_count = root.group(layout::stages).names().size();

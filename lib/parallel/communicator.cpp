@@ -105,8 +105,7 @@ unsigned Communicator::any(unsigned bits) const {
 }
 
 std::uint64_t Communicator::sum(std::uint64_t value) const {
-    if (!alone())
-        MPI_Allreduce(MPI_IN_PLACE, &value, 1, MPI_UINT64_T, MPI_SUM, state_->world);
+    sum({&value, 1});
     return value;
 }
 
@@ -117,9 +116,14 @@ void Communicator::sum(std::span<std::uint64_t> values) const {
 }
 
 double Communicator::max(double value) const {
-    if (!alone())
-        MPI_Allreduce(MPI_IN_PLACE, &value, 1, MPI_DOUBLE, MPI_MAX, state_->world);
+    max({&value, 1});
     return value;
+}
+
+void Communicator::max(std::span<double> values) const {
+    if (!alone())
+        MPI_Allreduce(MPI_IN_PLACE, values.data(), static_cast<int>(values.size()), MPI_DOUBLE, MPI_MAX,
+                      state_->world);
 }
 
 double Communicator::min(double value) const {
@@ -174,11 +178,6 @@ std::string Communicator::first_words(const std::string& words) const {
         return first;
     }
     return "";
-}
-
-void Communicator::barrier() const {
-    if (!alone())
-        MPI_Barrier(state_->world);
 }
 
 void Communicator::gather_bytes(const void* value, void* all, std::size_t bytes) const {

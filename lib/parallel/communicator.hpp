@@ -43,13 +43,13 @@ public:
     std::uint64_t sum(std::uint64_t value) const; ///< modulo 2^64
     void sum(std::span<std::uint64_t> values) const;
     double max(double value) const;
+    void max(std::span<double> values) const; ///< each by itself
     double min(double value) const;
     /// Exact, so the same bits on any number of ranks.
     void sum(std::span<ExactSum> sums) const;
     void broadcast(void* data, std::size_t bytes) const; ///< rank 0's
     /// The words of the lowest rank that has any; empty where none has.
     std::string first_words(const std::string& words) const;
-    void barrier() const;
 
     /// Everybody's value, by rank.
     template <class T>

@@ -15,6 +15,8 @@ struct Domains::State {
     std::span<const Vec3> points;
     std::span<const float> weights;
     bool is_cut = false;
+    int rank = 0;
+    Vec3 lower, upper; ///< of this rank's part
 };
 
 namespace {
@@ -30,6 +32,7 @@ void check(int result, const char* what) {
 Domains::Domains(const Communicator& world) : state_(std::make_unique<State>()) {
     if (world.alone())
         return;
+    state_->rank = world.rank();
     float version = 0;
     check(Zoltan_Initialize(0, nullptr, &version), "start");
     Zoltan_Struct* z = state_->zoltan = Zoltan_Create(*static_cast<const MPI_Comm*>(world.handle()));
@@ -101,11 +104,20 @@ void Domains::cut(std::span<const Vec3> points, std::span<const float> weights) 
     Zoltan_LB_Free_Part(&import_gids, &import_lids, &import_ranks, &import_parts);
     Zoltan_LB_Free_Part(&export_gids, &export_lids, &export_ranks, &export_parts);
     state_->is_cut = true;
+    int dimensions = 0;
+    Vec3 &lower = state_->lower, &upper = state_->upper;
+    check(Zoltan_RCB_Box(state_->zoltan, state_->rank, &dimensions, &lower.x, &lower.y, &lower.z, &upper.x,
+                         &upper.y, &upper.z),
+          "tell a rank's part");
 }
 
 int Domains::rank_of(const Vec3& point) const {
     if (!state_->is_cut)
         return 0;
+    const Vec3 &lower = state_->lower, &upper = state_->upper; // most are where they were
+    if (lower.x < point.x && point.x < upper.x && lower.y < point.y && point.y < upper.y &&
+        lower.z < point.z && point.z < upper.z)
+        return state_->rank;
     double x[3] = {point.x, point.y, point.z};
     int rank = 0;
     check(Zoltan_LB_Point_Assign(state_->zoltan, x, &rank), "place a particle");

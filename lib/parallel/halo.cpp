@@ -56,39 +56,35 @@ void prefetch(const Body& body) {
     __builtin_prefetch(&body.velocity);
 }
 
-struct Bounds {
-    Vec3 lower, upper;
-    bool empty = true;
-
-    void add(const Vec3& x) {
-        if (empty)
-            lower = upper = x;
-        empty = false;
-        for (int k = 0; k < 3; ++k) {
-            lower[k] = std::min(lower[k], x[k]);
-            upper[k] = std::max(upper[k], x[k]);
-        }
-    }
-    /// Squared distance of a point, 0 inside.
-    double distance2(const Vec3& x) const {
-        double sum = 0;
-        for (int k = 0; k < 3; ++k) {
-            const double d = std::max({lower[k] - x[k], x[k] - upper[k], 0.0});
-            sum += d * d;
-        }
-        return sum;
-    }
-    bool near(const Bounds& other, const Vec3& shift, double reach) const {
-        if (empty || other.empty)
-            return false;
-        for (int k = 0; k < 3; ++k)
-            if (other.lower[k] + shift[k] > upper[k] + reach || other.upper[k] + shift[k] < lower[k] - reach)
-                return false;
-        return true;
-    }
-};
-
 } // namespace
+
+void Bounds::add(const Vec3& x) {
+    if (empty)
+        lower = upper = x;
+    empty = false;
+    for (int k = 0; k < 3; ++k) {
+        lower[k] = std::min(lower[k], x[k]);
+        upper[k] = std::max(upper[k], x[k]);
+    }
+}
+
+double Bounds::distance2(const Vec3& x) const {
+    double sum = 0;
+    for (int k = 0; k < 3; ++k) {
+        const double d = std::max({lower[k] - x[k], x[k] - upper[k], 0.0});
+        sum += d * d;
+    }
+    return sum;
+}
+
+bool Bounds::near(const Bounds& other, const Vec3& shift, double reach) const {
+    if (empty || other.empty)
+        return false;
+    for (int k = 0; k < 3; ++k)
+        if (other.lower[k] + shift[k] > upper[k] + reach || other.upper[k] + shift[k] < lower[k] - reach)
+            return false;
+    return true;
+}
 
 std::vector<std::uint32_t> migrate(ParticleColumns& p, std::span<const int> destination,
                                    const Communicator& world) {
@@ -118,53 +114,39 @@ std::vector<std::uint32_t> migrate(ParticleColumns& p, std::span<const int> dest
 
 Vec3 Halo::shifted_position(const ParticleColumns& p, const Copy& copy) const {
     Vec3 x = p.bodies[copy.row].position.vec();
+    const Vec3 edges = box_.lengths();
     for (int k = 0; k < 3; ++k)
-        x[k] += copy.shift[static_cast<std::size_t>(k)] * edges_[k];
+        x[k] += copy.shift[static_cast<std::size_t>(k)] * edges[k];
     return x;
 }
 
 void Halo::make(ParticleColumns& p, const Box& box, double reach) {
-    edges_ = box.lengths();
-    struct Both {
-        Bounds all, mobile;
-    } mine;
+    box_ = box;
+    Place mine;
     for (std::size_t row = 0; row < p.owned; ++row) {
         const Vec3 x = p.bodies[row].position.vec();
         mine.all.add(x);
         if (p.species[row] != Species::fixed)
             mine.mobile.add(x);
     }
-    const std::vector<Both> theirs = world_.gather(mine);
+    places_ = world_.gather(mine);
 
     send_.clear();
     neighbours_.clear();
-    std::vector<std::vector<Traveller>> to(theirs.size());
-    const auto most = [&](int k) { return box.periodic[static_cast<std::size_t>(k)] ? 1 : 0; };
-    for (int rank = 0; rank < world_.size(); ++rank) {
-        if (rank == world_.rank())
-            continue;
-        const Both& other = theirs[static_cast<std::size_t>(rank)];
-        for (int sx = -most(0); sx <= most(0); ++sx)
-            for (int sy = -most(1); sy <= most(1); ++sy)
-                for (int sz = -most(2); sz <= most(2); ++sz) {
-                    const Vec3 shift{sx * edges_.x, sy * edges_.y, sz * edges_.z};
-                    if (!other.all.near(mine.all, shift, reach))
-                        continue;
-                    for (std::size_t row = 0; row < p.owned; ++row) {
-                        const Bounds& place = p.species[row] == Species::fixed ? other.mobile : other.all;
-                        if (place.empty ||
-                            place.distance2(p.bodies[row].position.vec() + shift) > reach * reach)
-                            continue;
-                        const Copy copy{static_cast<std::uint32_t>(row),
-                                        {static_cast<std::int8_t>(sx), static_cast<std::int8_t>(sy),
-                                         static_cast<std::int8_t>(sz)}};
-                        send_.push_back(copy);
-                        Traveller& t = to[static_cast<std::size_t>(rank)].emplace_back(pack(p, row));
-                        t.body.position.set(shifted_position(p, copy));
-                        t.shift = copy.shift;
-                    }
-                }
-    }
+    std::vector<std::vector<Traveller>> to(places_.size());
+    for_near_ranks(reach, [&](int rank, const std::array<std::int8_t, 3>& lengths, const Vec3& shift,
+                              const Bounds& all, const Bounds& mobile) {
+        for (std::size_t row = 0; row < p.owned; ++row) {
+            const Bounds& place = p.species[row] == Species::fixed ? mobile : all;
+            if (place.empty || place.distance2(p.bodies[row].position.vec() + shift) > reach * reach)
+                continue;
+            const Copy copy{static_cast<std::uint32_t>(row), lengths};
+            send_.push_back(copy);
+            Traveller& t = to[static_cast<std::size_t>(rank)].emplace_back(pack(p, row));
+            t.body.position.set(shifted_position(p, copy));
+            t.shift = lengths;
+        }
+    });
     std::vector<std::size_t> start;
     const std::vector<Traveller> came = world_.exchange(to, start);
     p.halo = came.size();

@@ -11,7 +11,17 @@
 
 namespace talus::parallel {
 
-constexpr std::uint32_t no_row = ~std::uint32_t{0};
+/// The box around some particles, m.
+struct Bounds {
+    Vec3 lower, upper;
+    bool empty = true;
+
+    void add(const Vec3& x);
+    /// Squared distance of a point, 0 inside.
+    double distance2(const Vec3& x) const;
+    /// Whether the other box, moved by `shift`, is within `reach`; never where one is empty.
+    bool near(const Bounds& other, const Vec3& shift, double reach) const;
+};
 
 /// Sends owned particles to other ranks. Collective.
 /// @param destination [owned] rank of each row
@@ -30,6 +40,30 @@ public:
     /// the box around this rank's particles; of fixed ones those within reach of the box around what moves
     /// here. Collective.
     void make(ParticleColumns& p, const Box& box, double reach);
+
+    /// Calls body(rank, box lengths, the same in m, bounds of the rank's particles, of those that move) for
+    /// each other rank, and each way through periodic sides, on which this rank's particles, so moved, may be
+    /// within `distance` (m) of the rank's. As of the last make().
+    template <class Body>
+    void for_near_ranks(double distance, Body&& body) const {
+        const auto most = [&](std::size_t k) { return box_.periodic[k] ? 1 : 0; };
+        for (int rank = 0; rank < world_.size(); ++rank) {
+            if (rank == world_.rank() || places_.empty())
+                continue;
+            const Place& place = places_[static_cast<std::size_t>(rank)];
+            for (int x = -most(0); x <= most(0); ++x)
+                for (int y = -most(1); y <= most(1); ++y)
+                    for (int z = -most(2); z <= most(2); ++z) {
+                        const Vec3 edges = box_.lengths(), shift{x * edges.x, y * edges.y, z * edges.z};
+                        if (place.all.near(places_[static_cast<std::size_t>(world_.rank())].all, shift,
+                                           distance))
+                            body(rank,
+                                 std::array{static_cast<std::int8_t>(x), static_cast<std::int8_t>(y),
+                                            static_cast<std::int8_t>(z)},
+                                 shift, place.all, place.mobile);
+                    }
+        }
+    }
 
     /// Of the copies only these (rows of p) are brought up in `start_update(..., false)`. Collective.
     void want(const ParticleColumns& p, std::span<const std::uint32_t> rows);
@@ -82,8 +116,12 @@ private:
     };
     Vec3 shifted_position(const ParticleColumns& p, const Copy& copy) const;
 
+    struct Place {
+        Bounds all, mobile;
+    };
     const Communicator& world_;
-    Vec3 edges_;
+    Box box_;
+    std::vector<Place> places_; ///< of all ranks
     std::vector<Copy> send_;
     std::vector<Neighbour> neighbours_;       ///< by rank
     std::vector<std::uint32_t> wanted_out_;   ///< indices into send_

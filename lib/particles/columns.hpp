@@ -61,6 +61,9 @@ struct alignas(64) Body {
     Record angular_velocity; ///< rad s-1 at the last half step; w: moment of inertia, kg m2
 };
 
+/// No row at all, where one is expected.
+constexpr std::uint32_t no_row = ~std::uint32_t{0};
+
 /// The engine's particles, column by column. Rows [0, owned) are this rank's own, in a space-filling order.
 /// Rows [owned, size) are ghosts: first the halo, rows [owned, known), copies of other ranks' particles near
 /// by, which have properties of their own; then periodic images of owned rows.

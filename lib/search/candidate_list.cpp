@@ -2,6 +2,7 @@
 #include "search/candidate_list.hpp"
 
 #include "base/error.hpp"
+#include "search/find_rows.hpp"
 
 #include <algorithm>
 #include <atomic>
@@ -166,10 +167,10 @@ CandidateList::Missed CandidateList::match(const ParticleColumns& p, std::span<c
                                            std::size_t old_owned, std::span<const Shift> wrapped, Live live,
                                            ThreadTeam& team) {
     fit(row_scratch_, old_owned); // the new row of each old one
-    std::fill(row_scratch_.begin(), row_scratch_.end(), no_candidate);
+    std::fill(row_scratch_.begin(), row_scratch_.end(), no_row);
     team.for_range(old_row.size(), [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row)
-            if (old_row[row] != no_candidate)
+            if (old_row[row] != no_row)
                 row_scratch_[old_row[row]] = static_cast<std::uint32_t>(row);
     });
     const auto owner_before = [&](std::uint32_t row) {
@@ -189,7 +190,7 @@ CandidateList::Missed CandidateList::match(const ParticleColumns& p, std::span<c
             if (i_before >= old_owned || j_before >= old_owned)
                 continue; // with the halo: by key
             const std::uint32_t i = row_scratch_[i_before], j = row_scratch_[j_before];
-            if (i == no_candidate || j == no_candidate)
+            if (i == no_row || j == no_row)
                 continue; // left: by key
             // The image of j against i, counted in the positions after both were wrapped.
             const Shift image =
@@ -226,10 +227,8 @@ void CandidateList::match_keyed(const ParticleColumns& p, std::span<const KeyedP
     std::unordered_map<std::uint64_t, std::uint32_t> row_of;
     for (const KeyedPair& key : keyed)
         for (const std::uint64_t id : {key.i, key.j})
-            row_of.emplace(id, no_candidate);
-    for (std::uint32_t row = 0; row < p.owned && !keyed.empty(); ++row)
-        if (const auto it = row_of.find(p.id[row]); it != row_of.end())
-            it->second = row;
+            row_of.emplace(id, no_row);
+    find_rows(p, row_of);
     for (std::size_t k = 0; k < keyed.size(); ++k) {
         const KeyedPair& key = keyed[k];
         const auto is_it = [&](std::uint32_t holder, std::uint32_t partner) {
@@ -244,7 +243,7 @@ void CandidateList::match_keyed(const ParticleColumns& p, std::span<const KeyedP
         bool needed = false, found = false;
         for (const std::uint64_t id : {key.i, key.j}) {
             const std::uint32_t holder = row_of.at(id);
-            if (holder == no_candidate || !moves(p, holder))
+            if (holder == no_row || !moves(p, holder))
                 continue;
             needed = true;
             for (std::uint32_t o = first_[holder]; o < first_[holder + 1] && !found; ++o)
@@ -257,7 +256,7 @@ void CandidateList::match_keyed(const ParticleColumns& p, std::span<const KeyedP
             continue;
         if (live.state[close_size_ + k] & live.bound)
             ++missed.bound;
-        else if (!key.first_moves || row_of.at(key.i) != no_candidate)
+        else if (!key.first_moves || row_of.at(key.i) != no_row)
             missed.parted.push_back({key.i, key.j});
     }
 }

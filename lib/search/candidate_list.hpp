@@ -89,7 +89,7 @@ public:
     /// @param p         columns, sorted, with ghosts reaching at least the largest cutoff beyond owned rows
     /// @param outer_share [known] m, what each particle may move before the outer list is made anew
     /// @param share     [known] m, what each particle may move before the close list is made anew
-    /// @param old_row   [owned] row each owned particle had in the list before, `no_candidate` where it had
+    /// @param old_row   [owned] row each owned particle had in the list before, `no_row` where it had
     ///                  none; empty at the first build
     /// @param old_owned number of owned rows then
     /// @param wrapped   [owned] box lengths taken off each owned particle since then

@@ -128,7 +128,7 @@ std::size_t run_both(const Scene& scene, const Grains& grains, int steps, int th
         both.steps(steps / 4);
         both.expect_same("after " + std::to_string(part) + " of 4 parts");
     }
-    EXPECT_EQ(world().sum(both.many.owned()), grains.size());
+    EXPECT_EQ(world().sum(both.many.rank_load().particles), grains.size());
     return both.many.list_rebuilds();
 }
 
@@ -317,9 +317,9 @@ TEST(Balance, DomainsFollowTheWork) {
     Simulation many(scene, block_of(g, world().rank(), world().size()), team, world());
     for (int k = 0; k < 2000; ++k)
         many.step();
-    const double busiest = world().max(many.times().busy);
+    const double busiest = world().max(many.rank_load().busy);
     double mean = 0;
-    for (const double busy : world().gather(many.times().busy))
+    for (const double busy : world().gather(many.rank_load().busy))
         mean += busy / world().size();
     EXPECT_LE(busiest, 1.5 * mean);
 }

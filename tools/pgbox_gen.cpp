@@ -3,10 +3,14 @@
 #include "cli/progress.hpp"
 #include "cli/signals.hpp"
 #include "cli/tool.hpp"
+#include "io/model_file.hpp"
 #include "io/pgbox_file.hpp"
 #include "measure/packing.hpp"
 #include "packing/compress.hpp"
+#include "packing/sediment.hpp"
 
+#include <array>
+#include <chrono>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <unistd.h>
@@ -15,22 +19,34 @@ using namespace talus;
 
 namespace {
 
+struct Settings {
+    std::string route = "compress";
+    packing::CompressSettings compress;
+    packing::SedimentSettings sediment; ///< sizes, material and seed are those of `compress`
+    std::optional<double> particle_count;
+    bool keep_stages = false;
+};
+
 double physical_memory() {
     return static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
 }
 
-io::Attributes attributes_of(const packing::CompressSettings& settings, const packing::CompressResult& result,
-                             const measure::PackingMeasures& m) {
-    return {{"route", "compress"},
-            {"seed", static_cast<std::int64_t>(settings.seed)},
-            {"converged", std::int64_t{result.converged}},
-            {"iterations", result.end.iteration},
-            {"attempts", result.attempts},
-            {"overcompression", result.overcompression},
-            {"friction", 0.0},
-            {"youngs_modulus", settings.material.youngs_modulus},
-            {"poissons_ratio", settings.material.poissons_ratio},
-            {"radius_factor", result.radius_factor},
+/// How a box was made: what all routes have, and what only one has.
+struct Made {
+    PgBox box;
+    std::string failure; ///< empty where converged
+    io::Attributes attributes;
+    std::vector<std::pair<std::string, std::vector<double>>> history;
+};
+
+io::Attributes attributes_of(const Settings& settings, const measure::PackingMeasures& m) {
+    return {{"route", settings.route},
+            {"seed", static_cast<std::int64_t>(settings.compress.seed)},
+            {"converged", std::int64_t{1}},
+            {"friction", settings.compress.material.friction},
+            {"youngs_modulus", settings.compress.material.youngs_modulus},
+            {"poissons_ratio", settings.compress.material.poissons_ratio},
+            {"restitution", settings.compress.material.restitution},
             {"particle_count", static_cast<std::int64_t>(m.particle_count)},
             {"contact_count", static_cast<std::int64_t>(m.contact_count)},
             {"solid_volume_fraction", m.solid_volume_fraction},
@@ -55,36 +71,159 @@ nlohmann::json report(const io::Attributes& attributes, const PgBox& box) {
     return out;
 }
 
+/// Columns from rows; `of` names each and says how to get its value.
+template <class State>
 std::vector<std::pair<std::string, std::vector<double>>>
-columns_of(const std::vector<packing::CompressState>& history) {
+columns_of(const std::vector<State>& history,
+           std::initializer_list<std::pair<const char*, double (*)(const State&)>> of) {
     std::vector<std::pair<std::string, std::vector<double>>> out;
-    const auto column = [&](const char* name, auto value) {
-        std::vector<double> values;
-        values.reserve(history.size());
-        for (const auto& state : history)
-            values.push_back(static_cast<double>(value(state)));
-        out.emplace_back(name, std::move(values));
-    };
-    using State = packing::CompressState;
-    column("iteration", [](const State& s) { return s.iteration; });
-    column("attempt", [](const State& s) { return s.attempt; });
-    column("solid_volume_fraction", [](const State& s) { return s.solid_volume_fraction; });
-    column("coordination_number", [](const State& s) { return s.coordination_number; });
-    column("mean_overlap_ratio", [](const State& s) { return s.mean_overlap_ratio; });
-    column("pressure", [](const State& s) { return s.pressure; });
-    column("unbalanced_force", [](const State& s) { return s.unbalanced_force; });
+    for (const auto& [name, value] : of) {
+        std::vector<double>& column = out.emplace_back(name, std::vector<double>{}).second;
+        for (const State& state : history)
+            column.push_back(value(state));
+    }
     return out;
 }
 
-void register_settings(cli::Settings& s, packing::CompressSettings& c, std::string& route,
-                       std::optional<double>& particle_count) {
+Made by_compression(const Settings& settings, ThreadTeam& team, cli::Progress& progress) {
+    using State = packing::CompressState;
+    packing::CompressResult made =
+        packing::compress(settings.compress, team, [&](const State& state, double fraction) {
+            cli::throw_if_stop_requested();
+            progress.update(fraction, fmt::format("attempt {} Z {:.3f} unbalanced {:.1e}", state.attempt,
+                                                  state.coordination_number, state.unbalanced_force));
+        });
+    return {
+        std::move(made.box),
+        made.failure,
+        {{"iterations", made.end.iteration},
+         {"attempts", made.attempts},
+         {"overcompression", made.overcompression},
+         {"radius_factor", made.radius_factor}},
+        columns_of<State>(made.history,
+                          {{"iteration", [](const State& s) { return double(s.iteration); }},
+                           {"attempt", [](const State& s) { return double(s.attempt); }},
+                           {"solid_volume_fraction", [](const State& s) { return s.solid_volume_fraction; }},
+                           {"coordination_number", [](const State& s) { return s.coordination_number; }},
+                           {"mean_overlap_ratio", [](const State& s) { return s.mean_overlap_ratio; }},
+                           {"pressure", [](const State& s) { return s.pressure; }},
+                           {"unbalanced_force", [](const State& s) { return s.unbalanced_force; }}})};
+}
+
+/// box.pgbox.h5 and "cut" make box.cut.model.h5.
+std::string stage_path(std::string output, const std::string& stage) {
+    const std::string ending = ".pgbox.h5";
+    if (output.ends_with(ending))
+        output.resize(output.size() - ending.size());
+    return output + "." + stage + ".model.h5";
+}
+
+Made by_sediment(const Settings& settings, cli::Tool& tool, ThreadTeam& team, cli::Progress& progress) {
+    using State = packing::SedimentState;
+    packing::StageObserver keep;
+    if (settings.keep_stages)
+        keep = [&](const std::string& stage, const Grains& grains) {
+            io::write_model(stage_path(tool.common().output, stage),
+                            {.model = grains,
+                             .provenance = tool.provenance_after({}),
+                             .config = tool.effective_config().dump()},
+                            tool.common().overwrite);
+        };
+    packing::SedimentResult made = packing::sediment(
+        settings.sediment, team,
+        [&](const State& state, double fraction) {
+            static constexpr std::array names{"settle", "compress", "homogenise", "relax"};
+            cli::throw_if_stop_requested();
+            progress.update(fraction,
+                            fmt::format("{} t {:.3g} s Z {:.3f} unbalanced {:.1e}",
+                                        names[static_cast<std::size_t>(state.stage) - 1], state.time,
+                                        state.coordination_number, state.unbalanced_force));
+        },
+        keep);
+    return {
+        std::move(made.box),
+        made.failure,
+        {{"steps", made.end.steps},
+         {"simulated_time", made.end.time},
+         {"unbalanced_force_at_end", made.end.unbalanced_force},
+         {"kinetic_over_elastic_energy", made.end.kinetic_ratio},
+         {"sediment_particle_count", made.sediment_particles},
+         {"sediment_solid_volume_fraction", made.sediment_fraction},
+         {"gamma", made.gamma},
+         {"gamma_expected", made.gamma_expected},
+         {"last_strain", made.last_strain},
+         {"radius_factor", made.radius_factor}},
+        columns_of<State>(made.history,
+                          {{"stage", [](const State& s) { return double(s.stage); }},
+                           {"time", [](const State& s) { return s.time; }},
+                           {"step", [](const State& s) { return double(s.steps); }},
+                           {"round", [](const State& s) { return double(s.round); }},
+                           {"coordination_number", [](const State& s) { return s.coordination_number; }},
+                           {"total_overlap", [](const State& s) { return s.total_overlap; }},
+                           {"mean_overlap_ratio", [](const State& s) { return s.mean_overlap_ratio; }},
+                           {"kinetic_over_elastic_energy", [](const State& s) { return s.kinetic_ratio; }},
+                           {"pressure", [](const State& s) { return s.pressure; }},
+                           {"unbalanced_force", [](const State& s) { return s.unbalanced_force; }}})};
+}
+
+void register_sediment(cli::Settings& s, Settings& all) {
     using cli::Unit;
-    s.choice("route", route, {"compress", "sediment"}, "how the box is made");
+    packing::SedimentSettings& c = all.sediment;
+    s.number("sediment.gravity", c.gravity, Unit::none, "m/s2, while grains settle", cli::positive);
+    s.number("sediment.alpha", c.alpha, Unit::none, "box lengths of sediment left above its floor",
+             cli::positive);
+    s.number("sediment.beta", c.beta, Unit::none, "thickness of the layers held, in largest radii",
+             cli::positive);
+    s.optional_number(
+        "sediment.gamma", c.gamma, Unit::none,
+        "by how many largest radii the slab is thicker than the box; auto: what makes the solid "
+        "fraction right",
+        {-5, 100});
+    s.number("sediment.initial_fraction", c.initial_fraction, Unit::none,
+             "solid fraction of the cloud that falls", {0, 0.36, true, false});
+    s.number("sediment.initial_speed", c.initial_speed, Unit::none,
+             "largest random velocity at the start, in box lengths per fall (sqrt(box length / gravity))",
+             cli::not_negative);
+    s.number("sediment.settle_limit", c.settle_limit, Unit::none, "falls that the sediment may take",
+             cli::positive);
+    s.number("sediment.settle_unbalanced_force", c.settle_unbalanced_force, Unit::none,
+             "net over contact force below which the sediment rests", cli::positive);
+    s.number("sediment.settle_speed", c.settle_speed, Unit::none,
+             "and root mean square speed over sqrt(gravity radius)", cli::positive);
+    s.number("sediment.settle_damping", c.settle_damping, Unit::none,
+             "viscous damping per fall, once all have come down", cli::not_negative);
+    s.number("sediment.compression_speed", c.compression_speed, Unit::none,
+             "of the bottom layer, in box lengths per fall", cli::positive);
+    s.number("sediment.cut_plane", c.cut_plane, Unit::none, "each new cut above the last, in box lengths",
+             {0, 1, true, true});
+    s.integer("sediment.homogenise_rounds", c.homogenise_rounds, "cut planes", 1);
+    s.number("sediment.round_time", c.round_time, Unit::none, "falls that each round takes at most",
+             cli::positive);
+    s.number("sediment.saturation", c.saturation, Unit::none,
+             "change of the total overlap in 1/20 fall, at the end", cli::positive);
+    s.number("sediment.relax_damping", c.relax_damping, Unit::none,
+             "viscous damping per fall while the box is homogenised and relaxed", cli::not_negative);
+    s.number("sediment.unbalanced_force", c.unbalanced_force, Unit::none, "net over contact force at the end",
+             {0, 1, true, false});
+    s.number("sediment.kinetic_ratio", c.kinetic_ratio, Unit::none, "kinetic over elastic energy at the end",
+             cli::positive);
+    s.number("sediment.relax_limit", c.relax_limit, Unit::none, "falls that the last relaxation may take",
+             cli::positive);
+    s.number("sediment.step_fraction", c.step_fraction, Unit::none, "time step over the Rayleigh time",
+             {0, 0.6, true, false});
+    s.flag("keep_stages", all.keep_stages,
+           "write sediment, cut, compressed and homogenised grains beside the output, as models (and XDMF)");
+}
+
+void register_settings(cli::Settings& s, Settings& all) {
+    using cli::Unit;
+    packing::CompressSettings& c = all.compress;
+    s.choice("route", all.route, {"compress", "sediment"}, "how the box is made");
     s.number("box_length", c.sizes.box_length, Unit::length, "edge of the periodic cube", cli::positive);
     s.number("radius", c.sizes.radius, Unit::length, "radius of the largest grains", cli::positive);
     s.number("radius_min_ratio", c.sizes.radius_min_ratio, Unit::none,
              "smallest over largest radius, uniform between; 1: all grains equal", {0, 1, true, false});
-    s.optional_number("particle_count", particle_count, Unit::none,
+    s.optional_number("particle_count", all.particle_count, Unit::none,
                       "grains; auto: the whole number nearest to the fraction. A common factor on all radii "
                       "makes the fraction exact",
                       {1, 2147483647});
@@ -114,19 +253,34 @@ void register_settings(cli::Settings& s, packing::CompressSettings& c, std::stri
                       {0, 1, true, false});
     s.integer("attempts", c.attempts, "starts and recompressions at most", 1);
     s.integer("iterations", c.iterations, "force evaluations at most, all attempts together", 1);
+    register_sediment(s, all);
 }
 
-void refuse_what_is_missing(const std::string& route, double friction) {
-    if (route == "sediment")
-        throw Error(ExitCode::configuration_invalid,
-                    "route: sediment is not in this version: use --route compress (frictionless boxes)");
-    if (friction > 0)
+void refuse_what_is_missing(const Settings& s) {
+    if (s.route == "compress" && s.compress.material.friction > 0)
         throw Error(
             ExitCode::configuration_invalid,
             fmt::format(
-                "friction: found {}, but the compress route makes frictionless boxes: use --friction 0 "
-                "(the grains' friction in dem-run is the scene's own)",
-                friction));
+                "friction: found {}, but the compress route makes frictionless boxes: use --friction 0 or "
+                "--route sediment (the grains' friction in dem-run is the scene's own)",
+                s.compress.material.friction));
+    if (s.route != "sediment" && s.keep_stages)
+        throw Error(ExitCode::configuration_invalid,
+                    "keep_stages: found with --route compress, which has no stages: leave it out");
+}
+
+struct Forecast {
+    std::int64_t particles = 0;
+    double memory = 0, file_size = 0, seconds = 0;
+};
+
+Forecast forecast(const Settings& s, int threads) {
+    if (s.route == "sediment") {
+        const auto f = packing::forecast(s.sediment, threads);
+        return {f.particles, f.memory, f.file_size, f.seconds};
+    }
+    const auto f = packing::forecast(s.compress, threads);
+    return {f.particles, f.memory, f.file_size, f.seconds};
 }
 
 } // namespace
@@ -144,17 +298,17 @@ int main(int argc, char** argv) {
          .libraries = {},
          .result_in_output = false,
          .simd_target = __builtin_cpu_supports("avx2") ? "AVX2 (pair sums)" : ""});
-    packing::CompressSettings settings;
-    settings.material.friction = 0;
-    std::string route = "compress";
-    std::optional<double> particle_count;
-    register_settings(tool.settings(), settings, route, particle_count);
+    Settings settings;
+    settings.compress.material.friction = 0;
+    register_settings(tool.settings(), settings);
     return tool.run(argc, argv, [&] {
-        refuse_what_is_missing(route, settings.material.friction);
-        settings.seed = tool.common().seed;
-        if (particle_count)
-            settings.sizes.particle_count = std::llround(*particle_count);
-        const packing::CompressForecast expected = packing::forecast(settings, tool.common().threads);
+        refuse_what_is_missing(settings);
+        settings.compress.seed = settings.sediment.seed = tool.common().seed;
+        if (settings.particle_count)
+            settings.compress.sizes.particle_count = std::llround(*settings.particle_count);
+        settings.sediment.sizes = settings.compress.sizes;
+        settings.sediment.material = settings.compress.material;
+        const Forecast expected = forecast(settings, tool.common().threads);
         if (expected.memory > physical_memory())
             throw Error(
                 ExitCode::configuration_invalid,
@@ -172,30 +326,34 @@ int main(int argc, char** argv) {
         cli::install_stop_handler();
         ThreadTeam team(tool.common().threads);
         cli::Progress progress("packing", tool.common().progress, tool.common().quiet);
-        const packing::CompressResult made =
-            packing::compress(settings, team, [&](const packing::CompressState& state, double fraction) {
-                cli::throw_if_stop_requested();
-                progress.update(fraction, fmt::format("attempt {} Z {:.3f} unbalanced {:.1e}", state.attempt,
-                                                      state.coordination_number, state.unbalanced_force));
-            });
+        const auto start = std::chrono::steady_clock::now();
+        const Made made = settings.route == "sediment" ? by_sediment(settings, tool, team, progress)
+                                                       : by_compression(settings, team, progress);
         progress.finish();
-        if (!made.converged)
+        if (!made.failure.empty())
             throw Error(ExitCode::quality_not_reached, "packing not converged: " + made.failure);
-        const measure::PackingMeasures measures = measure::measure_packing(made.box, settings.material, team);
+        const measure::PackingMeasures measures =
+            measure::measure_packing(made.box, settings.compress.material, team);
         if (measures.crystal.crystalline)
             throw Error(
                 ExitCode::quality_not_reached,
                 fmt::format("packing not converged: crystal_peak_ratio is {:.2f}, grains have crystallised: "
                             "use another seed",
                             measures.crystal.peak_ratio));
-        const io::Attributes attributes = attributes_of(settings, made, measures);
+        io::Attributes attributes = attributes_of(settings, measures);
+        for (const auto& [key, value] : made.attributes)
+            attributes[key] = value;
+        if (settings.compress.material.friction > 0) // tangential forces hold part of the balance
+            attributes["unbalanced_force"] = made.attributes.at("unbalanced_force_at_end");
         io::write_pgbox(tool.common().output,
                         {.box = made.box,
                          .attributes = attributes,
-                         .history = columns_of(made.history),
+                         .history = made.history,
                          .provenance = tool.provenance_after({}),
                          .config = tool.effective_config().dump()},
                         tool.common().overwrite);
-        tool.result(report(attributes, made.box));
+        nlohmann::json result = report(attributes, made.box);
+        result["wall_time"] = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+        tool.result(result);
     });
 }

@@ -158,6 +158,11 @@ public:
 
     SavedState save() const;
     void restore(const SavedState& state);
+    /// Gives contacts the tangential displacements that they have in a packing. Rows with neither a contact
+    /// here are refused as in restore(); contacts without a row start from zero.
+    /// @param contacts of this rank's block (i in it), i < j by id; images as of positions wrapped into the
+    /// box
+    void adopt_histories(const ContactTable& contacts);
 
 private:
     /// A pair's history on its way to another rank or into another list.

@@ -289,6 +289,20 @@ void Simulation::restore(const SavedState& s) {
     start_potential_ = s.scalars[3];
 }
 
+void Simulation::adopt_histories(const ContactTable& contacts) {
+    SavedState state = save();
+    state.contact_pair.clear();
+    state.contact_image = contacts.image;
+    state.contact_displacement = contacts.tangential_displacement;
+    state.contact_offset.assign(contacts.size(), 0.0);
+    state.contact_state.assign(contacts.size(), contact::contact_active);
+    for (const auto& [i, j] : contacts.pair)
+        state.contact_pair.push_back({static_cast<std::uint64_t>(i), static_cast<std::uint64_t>(j)});
+    restore(state);
+    current_ = false; // the forces kept are those without displacements
+    net_ = {};
+}
+
 /// The checkpoint's contacts, each on the ranks that own its particles now.
 Simulation::Carried Simulation::restored_contacts(const SavedState& s) const {
     const auto lost = [&](std::uint64_t i, std::uint64_t j) {

@@ -144,6 +144,8 @@ ContactTable read_contacts(const hdf::Group& root) {
     }
     if (root.has("granular/contacts/normal_overlap"))
         contacts.normal_overlap = read_scalars(root, "granular/contacts/normal_overlap");
+    if (root.has("granular/contacts/tangential_displacement"))
+        contacts.tangential_displacement = read_vectors(root, "granular/contacts/tangential_displacement");
     return contacts;
 }
 
@@ -216,6 +218,9 @@ void write_contacts(const hdf::Group& root, const ContactTable& contacts) {
     root.write("granular/contacts/image", reinterpret_cast<const std::int8_t*>(contacts.image.data()), {n, 3},
                {.filter = compressed});
     root.write("granular/contacts/normal_overlap", contacts.normal_overlap, {.unit = "m"});
+    if (!contacts.tangential_displacement.empty())
+        write_vectors(root, "granular/contacts/tangential_displacement", contacts.tangential_displacement,
+                      "m");
 }
 
 hdf::Group write_box_frame(const hdf::Group& particles, const Box& box) {

@@ -41,6 +41,16 @@ void check_contacts(const hdf::Context& context, const std::string& group, const
             group,
             fmt::format("contacts have {} pairs, {} images and {} overlaps; write one of each a contact",
                         contacts.size(), contacts.image.size(), contacts.normal_overlap.size()));
+    if (const std::size_t rows = contacts.tangential_displacement.size();
+        rows != 0 && rows != contacts.size())
+        context.fail(group,
+                     fmt::format("contacts have {} pairs and {} tangential displacements; write one of "
+                                 "each a contact, or no displacements",
+                                 contacts.size(), rows));
+    for (const Vec3& displacement : contacts.tangential_displacement)
+        if (!is_finite(displacement))
+            context.fail(group,
+                         "a tangential displacement is not finite; leave them out or write them again");
     for (std::size_t c = 0; c < contacts.size(); ++c) {
         const auto [i, j] = contacts.pair[c];
         if (i < 0 || i >= j || j >= n)

@@ -28,7 +28,7 @@ std::vector<std::uint32_t> morton_order(std::span<const Vec3> position, double c
 }
 
 PgBox assemble_box(std::span<const Vec3> position, std::span<const double> radius, double length,
-                   double density, ThreadTeam& team) {
+                   double density, ThreadTeam& team, std::vector<std::uint32_t>* taken_from) {
     const std::size_t n = position.size();
     const Box unit{{0, 0, 0}, {1, 1, 1}, {true, true, true}};
     std::vector<Vec3> wrapped(n);
@@ -57,6 +57,8 @@ PgBox assemble_box(std::span<const Vec3> position, std::span<const double> radiu
             out.contacts.normal_overlap.push_back(overlap);
         }
     }
+    if (taken_from != nullptr)
+        *taken_from = order;
     return out;
 }
 

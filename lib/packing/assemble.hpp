@@ -16,7 +16,8 @@ std::vector<std::uint32_t> morton_order(std::span<const Vec3> position, double c
 
 /// A PG box from reduced positions (box edge 1, any image) and radii (box edge 1): rows in Morton order,
 /// positions wrapped into [0, length), contacts found from the positions that are stored.
+/// @param taken_from where given: the row of `position` that each row of the box was
 PgBox assemble_box(std::span<const Vec3> position, std::span<const double> radius, double length,
-                   double density, ThreadTeam& team);
+                   double density, ThreadTeam& team, std::vector<std::uint32_t>* taken_from = nullptr);
 
 } // namespace talus::packing

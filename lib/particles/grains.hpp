@@ -20,6 +20,7 @@ struct ContactTable {
     std::vector<std::array<std::int64_t, 2>> pair;
     std::vector<std::array<std::int8_t, 3>> image;
     std::vector<double> normal_overlap;
+    std::vector<Vec3> tangential_displacement; ///< m, of i against j (Eq. 13); empty: none is known
 
     std::size_t size() const { return pair.size(); }
 };

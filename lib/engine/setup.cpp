@@ -80,13 +80,22 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
     fractured_ = ExactSum(scale);
     tallies_.assign(static_cast<std::size_t>(team.size()),
                     {ExactSum(power), ExactSum(power), ExactSum(scale), 0, {}, ExactSum(record_scale())});
+    for (Tally& tally : tallies_)
+        tally.virial.fill(ExactSum(scale));
     advanced_.resize(static_cast<std::size_t>(team.size()));
 
     cut_domains();
     rebuild(true);
     set_initial_contacts();
+    start_from_full_step();
+    start_potential_ = energies().potential;
+    largest_energy_ = 0;
+    start_energy_ = energies().total();
+}
+
+/// Velocities are kept at half steps; the given ones belong to the full step, like the histories.
+void Simulation::start_from_full_step() {
     compute_forces(0);
-    // Velocities are kept at half steps; the given ones belong to the start.
     const double half = 0.5 * time_step_.step;
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
@@ -101,9 +110,6 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
     });
     update_halo();
     images_.update_ghosts(particles_, team_);
-    start_potential_ = energies().potential;
-    largest_energy_ = 0;
-    start_energy_ = energies().total();
 }
 
 Simulation::~Simulation() = default;

@@ -96,6 +96,20 @@ public:
 
     /// One time step, read top-down like the paper: push, add up, move, list.
     void step();
+    /// One time step, at whose end space is stretched: the edges of the periodic box and all positions are
+    /// multiplied by `factor` along each axis, the box's lower corner staying where it is. Velocities go on
+    /// as they are: from then on they count against the mean deformation, and so do dashpots and viscous
+    /// damping, which do not resist it. Contacts take up what the stretch shears them by (nothing where it is
+    /// the same along all axes). Any factor is safe for the lists; one that brings grains together by more
+    /// than a small part of their radius at once is not for the physics.
+    ///
+    /// The energy ledger does not know the work done: energy_error() means nothing afterwards. A state saved
+    /// is to be restored into a scene with the box() of that moment.
+    /// @param factor 1 along open directions
+    /// @throws Error(configuration_invalid) on several ranks, with walls or fixed grains, for a factor that
+    /// is not
+    ///         positive or along an open direction, or where the box would become too small for its grains
+    void step_and_strain(const Vec3& factor);
     /// Computes the forces at the present time, where that has not been done; all that reports state does it.
     void evaluate();
 
@@ -136,6 +150,12 @@ public:
     /// |total now - total at the start| / largest kinetic + elastic + dissipated + potential change so far.
     double energy_error() const;
     RestState rest_state() const;
+    /// The box as it is now; its periodic edges are rounded to the grid of parallel::PeriodicImages.
+    const Box& box() const { return images_.box(); }
+    /// Symmetric part of the stress that pairs transmit, by rows, Pa, compression positive: the sum over
+    /// contacts of force (springs and dashpots, normal and tangential) times branch vector over the box's
+    /// volume. Without the motion's part, nor that of walls.
+    std::array<Vec3, 3> contact_stress() const;
     bool at_rest(const RestState& state) const;
     Snapshot snapshot() const;
     struct WallLoad {
@@ -190,6 +210,7 @@ private:
     void reduce_properties(std::optional<QuickestGrain>& quickest);
     void make_constants();
     void set_initial_contacts();
+    void start_from_full_step();
     const Simulation& evaluated() const {
         const_cast<Simulation*>(this)->evaluate(); // a value kept for later, nothing that can be seen
         return *this;
@@ -213,6 +234,10 @@ private:
         return (thread * ring_blocks + block % ring_blocks) * sweep_block;
     }
     void finish_move();
+    void advance_time(const Vec3* strain);
+    void check_strain(const Vec3& factor) const;
+    void strain_cell(const Vec3& factor);
+    void strain_contacts(const Vec3& factor);
     std::size_t count_bonds() const;
     void keep_lists_valid();
     unsigned agree(unsigned bits);
@@ -222,6 +247,8 @@ private:
         double walls = 0; ///< m, towards a wall since the outer list was made
     };
     Displacement largest_displacement();
+    static double shortened(const Vec3& factor);
+    double half_reach() const;
     double largest_outer_share() const;
     void set_outer_shares();
     void set_shares();
@@ -236,6 +263,7 @@ private:
     search::CandidateList::Live live() const;
     void compute_forces(double history_step);
     void for_blocks(double history_step, const AdvanceWork& work, bool add_forces);
+    void add_contact(const search::Candidate& pair, const Vec3& force, Tally& tally) const;
     void assign_slots();
     double record_scale() const;
     AdvanceWork advance_work(const NetColumns* given, NetColumns* into);
@@ -300,6 +328,10 @@ private:
     double wall_travel_ = 0;           ///< m, of the walls since the outer list was made
     double wall_used_ = 0;             ///< m, by which anybody can have come nearer to a wall since then
     double viscous_damping_ = 0;
+    bool straining_ = false;                      ///< space has been stretched: step_and_strain()
+    Vec3 strain_since_rebuild_{1, 1, 1};          ///< factors since the outer list was made
+    Vec3 strain_since_refresh_{1, 1, 1};          ///< and since the close list was
+    double least_share_ = 0;                      ///< m, of the close skin
     bool current_ = false;                         ///< the forces are those at the present time
     std::uint64_t id_sum_ = 0;                     ///< over hashes of all ranks' particles' ids
     std::vector<std::uint64_t> block_start_{0, 0}; ///< first id of each rank's block
@@ -326,6 +358,7 @@ private:
     std::vector<std::vector<std::uint32_t>> late_; ///< by thread: rows that wait for pairs of others
     NetColumns net_;                       ///< what acts at the present time, where the forces are current
     ExactSum contact_force_;               ///< N, sum over pairs of the magnitudes then
+    std::array<ExactSum, 6> virial_;       ///< N m, over pairs, see Tally
     std::vector<std::uint32_t> far_pairs_; ///< whose records outlive the ring, in rising order
     std::vector<std::size_t> far_start_;   ///< the first of each block
     std::vector<Advanced> advanced_;       ///< by thread

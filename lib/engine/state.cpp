@@ -298,9 +298,14 @@ void Simulation::adopt_histories(const ContactTable& contacts) {
     state.contact_state.assign(contacts.size(), contact::contact_active);
     for (const auto& [i, j] : contacts.pair)
         state.contact_pair.push_back({static_cast<std::uint64_t>(i), static_cast<std::uint64_t>(j)});
+    const double half = 0.5 * time_step_.step;
+    for (std::size_t k = 0; k < state.position.size(); ++k) {
+        state.half_velocity[k] += half * state.acceleration[k];
+        state.half_angular_velocity[k] += half * state.angular_acceleration[k];
+        state.half_kick[k] = {};
+    }
     restore(state);
-    current_ = false; // the forces kept are those without displacements
-    net_ = {};
+    start_from_full_step();
 }
 
 /// The checkpoint's contacts, each on the ranks that own its particles now.

@@ -137,6 +137,7 @@ private:
         between_held_;  ///< contacts of two that are held: they take no part in a run and come back after it
     ContactTable seam_; ///< contacts of that layer with what it was taken from, through the top face
     SedimentStage stage_ = SedimentStage::sediment;
+    double damping_ = 0;   ///< 1/s, viscous, of what runs now
     double time_step_ = 0; ///< s
     double time_ = 0;      ///< s, of the stages before
     std::int64_t steps_ = 0, round_ = 0;
@@ -209,7 +210,9 @@ SedimentState Route::state_of(const engine::SavedState& saved, const std::vector
         const double mass = sphere_volume(radius[i]) * s_.material.density;
         kinetic += 0.5 * mass * norm2(saved.half_velocity[i]) +
                    0.2 * mass * radius[i] * radius[i] * norm2(saved.half_angular_velocity[i]);
-        net += mass * norm(saved.acceleration[i]);
+        // Without the drag: a grain that creeps at the speed where drag and contacts balance is not at rest.
+        net += mass * norm(saved.acceleration[i] +
+                           damping_ * (saved.half_velocity[i] + saved.half_kick[i].velocity()));
         ++free;
     }
     const auto n = static_cast<double>(radius.size());
@@ -241,6 +244,11 @@ void Route::take(const engine::Simulation& simulation) {
     bed_.position = std::move(saved.position);
     bed_.velocity = std::move(saved.half_velocity);
     bed_.angular_velocity = std::move(saved.half_angular_velocity);
+    const double half = 0.5 * time_step_;
+    for (std::size_t i = 0; i < bed_.size(); ++i) {
+        bed_.velocity[i] += half * saved.acceleration[i];
+        bed_.angular_velocity[i] += half * saved.angular_acceleration[i];
+    }
     bed_.contacts = contacts_of(saved);
     append(bed_.contacts, between_held_);
     between_held_ = {};
@@ -325,7 +333,7 @@ Bed Route::settle() {
     time_step_ = simulation.time_step().step; // the same in all stages
 
     const double down = std::sqrt(2 * top / s_.gravity) + speed / s_.gravity + 0.5 * fall_;
-    const double limit = time_unit(s_.settle_limit), damping = s_.settle_damping / fall_;
+    const double limit = time_unit(s_.settle_limit);
     const auto interval = std::max<std::int64_t>(1, std::llround(0.1 * fall_ / simulation.time_step().step));
     bool damped = false;
     for (;;) {
@@ -333,7 +341,8 @@ Bed Route::settle() {
         if (simulation.steps() % interval != 0)
             continue;
         if (!damped && simulation.time() > down) {
-            simulation.set_viscous_damping(damping);
+            damping_ = s_.settle_damping / fall_;
+            simulation.set_viscous_damping(damping_);
             damped = true;
         }
         write_down(simulation, role, box, 0.5 * std::min(1.0, simulation.time() / (2 * down)));
@@ -454,6 +463,7 @@ void Route::compress() {
                   : bed_.position[i].z >= length_ - thickness ? Role::held
                                                               : Role::free;
     show("cut", role, box);
+    damping_ = 0;
     const engine::Scene press = scene(box);
     const std::vector<Vec3> before = bed_.position;
     if (way > 0) {
@@ -507,7 +517,7 @@ void Route::homogenise() {
         x = box.wrap(x);
     append(bed_.contacts, seam_);
     const engine::Scene relaxing = scene(box);
-    const double damping = s_.relax_damping / fall_;
+    damping_ = s_.relax_damping / fall_;
     std::vector<Role> role(bed_.size());
     for (round_ = 1; round_ <= s_.homogenise_rounds; ++round_) {
         const double plane = std::fmod(static_cast<double>(round_) * s_.cut_plane, 1.0) * length_;
@@ -519,7 +529,7 @@ void Route::homogenise() {
         }
         const auto running = start(relaxing, role);
         engine::Simulation& simulation = *running;
-        simulation.set_viscous_damping(damping);
+        simulation.set_viscous_damping(damping_);
         const auto part = [this](std::int64_t round) {
             return 0.7 + 0.2 * std::min(1.0, static_cast<double>(round) /
                                                  static_cast<double>(s_.homogenise_rounds));
@@ -540,7 +550,7 @@ bool Route::relax() {
     const std::vector<Role> role(bed_.size(), Role::free);
     const auto running = start(scene(box), role);
     engine::Simulation& simulation = *running;
-    simulation.set_viscous_damping(s_.relax_damping / fall_);
+    simulation.set_viscous_damping(damping_);
     const bool at_rest = run_until_rest(simulation, role, box, time_unit(s_.relax_limit), 0.9, 1);
     take(simulation);
     if (!at_rest)

@@ -131,6 +131,53 @@ class PgboxGen(CommonBehaviour, ToolTest):
         for key in ("memory", "disk", "expected_wall_time"):
             self.assertGreater(got[key], 0)
 
+    def test_sediment_route(self):
+        arguments = ["--route", "sediment", "--radius", 0.08, "--friction", 0.4, "--no-provenance"]
+        got = self.ok("pgbox-gen", *arguments, "--keep-stages", "-o", "box.pgbox.h5", "--format", "json").json
+        self.assertAlmostEqual(got["solid_volume_fraction"], 0.64, delta=5e-4)
+        self.assertEqual(got["particle_count"], round(0.64 / (4 / 3 * np.pi * 0.08**3)))
+        self.assertLess(got["unbalanced_force"], 1e-3)
+        self.assertTrue(0.57 < got["sediment_solid_volume_fraction"] < 0.63)
+        with h5py.File(self.folder / "box.pgbox.h5", "r") as file:
+            position, length = file["particles/all/position"][:], file["particles/all/box/edges"][0]
+            radius = file["particles/all/radius"][:]
+            pairs, image = file["connectivity/contacts"][:], file["granular/contacts/image"][:]
+            overlap = file["granular/contacts/normal_overlap"][:]
+            displacement = file["granular/contacts/tangential_displacement"][:]
+            self.assertEqual(file["granular/contacts/tangential_displacement"].attrs["unit"], b"m")
+            history = file["granular/pgbox/history"]
+            self.assertEqual(sorted(set(history["stage"][:])), [1, 2, 3, 4])
+            self.assertTrue(np.all(np.diff(history["time"][:]) >= 0))
+        # Every grain in balance, from the file alone: Hertz and Mindlin by hand.
+        branch = position[pairs[:, 1]] + length * image - position[pairs[:, 0]]
+        normal = branch / np.linalg.norm(branch, axis=1)[:, None]
+        reduced = radius[pairs[:, 0]] * radius[pairs[:, 1]] / radius[pairs].sum(axis=1)
+        stiffness = 2 * 1e8 / (3 * (1 - 0.2**2)) * np.sqrt(reduced * overlap)
+        tangential = -(3 * (1 - 0.2) / (2 - 0.2) * stiffness)[:, None] * displacement
+        self.assertLess(np.max(np.linalg.norm(tangential, axis=1) / (0.4 * stiffness * overlap)), 1 + 1e-6)
+        force = -(stiffness * overlap)[:, None] * normal + tangential
+        net = np.zeros_like(position)
+        np.add.at(net, pairs[:, 0], force)
+        np.add.at(net, pairs[:, 1], -force)
+        self.assertLess(np.linalg.norm(net, axis=1).mean() / (stiffness * overlap).mean(), 1e-3)
+        # The stages are models that dem-run takes.
+        for stage in ("sediment", "cut", "compressed", "homogenised"):
+            with h5py.File(self.folder / f"box.{stage}.model.h5", "r") as file:
+                self.assertEqual(file["granular"].attrs["complete"], 1)
+                self.assertGreaterEqual(len(file["particles/all/position"]), got["particle_count"])
+        self.ok("pgbox-gen", *arguments, "-j", 1, "-o", "again.h5")
+        with h5py.File(self.folder / "again.h5", "r") as file:
+            np.testing.assert_array_equal(file["particles/all/position"][:], position)
+
+    def test_sediment_that_does_not_converge(self):
+        for setting, measure in (("settle_limit=3.2", "settle_limit"), ("relax_limit=0.1", "unbalanced_force")):
+            limits = ["--set", "sediment.settle_unbalanced_force=1e-9"] if "settle" in setting else [
+                "--set", "sediment.unbalanced_force=1e-9"]
+            got = self.fails(QUALITY, "pgbox-gen", "--route", "sediment", "--radius", 0.09, "--friction", 0.4, *limits,
+                             "--set", "sediment." + setting, "-o", "x.h5", names="not converged")
+            self.assertIn(measure, got.err)
+        self.assertEqual(self.files(), [])
+
 
 if __name__ == "__main__":
     main()

@@ -2,6 +2,7 @@
 #include "measure/fabric.hpp"
 
 #include "base/error.hpp"
+#include "measure/local_order.hpp"
 #include "measure/statistics.hpp"
 
 #include <algorithm>
@@ -182,21 +183,16 @@ Fabric fabric(std::span<const ContactVector> contacts) {
 double bond_order_q6(std::span<const ContactVector> contacts) {
     if (contacts.empty())
         return 0;
-    std::array<double, 7> real{}, imaginary{};
+    Harmonics6 sum{};
     for (const ContactVector& c : contacts) {
-        const double theta = std::acos(std::clamp(c.normal.z, -1.0, 1.0));
-        const double phi = std::atan2(c.normal.y, c.normal.x);
-        for (unsigned m = 0; m <= 6; ++m) {
-            const double y = std::sph_legendre(6, m, theta);
-            real[m] += y * std::cos(m * phi);
-            imaginary[m] += y * std::sin(m * phi);
-        }
+        const Harmonics6 y = harmonics6(c.normal);
+        for (std::size_t k = 0; k < sum.size(); ++k)
+            sum[k] += y[k];
     }
-    const double n = static_cast<double>(contacts.size());
-    double sum = 0;
-    for (std::size_t m = 0; m <= 6; ++m) // order -m mirrors order m
-        sum += (m == 0 ? 1 : 2) * (real[m] * real[m] + imaginary[m] * imaginary[m]) / (n * n);
-    return std::sqrt(4 * std::numbers::pi / 13 * sum);
+    double squares = 0;
+    for (double y : sum)
+        squares += y * y;
+    return std::sqrt(squares) / static_cast<double>(contacts.size());
 }
 
 } // namespace talus::measure

@@ -35,6 +35,15 @@ void require_valid(const PgBox& box) {
     }
 }
 
+Histogram over_mean(std::vector<double> values) {
+    double sum = 0;
+    for (double v : values)
+        sum += v;
+    for (double& v : values)
+        v *= static_cast<double>(values.size()) / sum;
+    return histogram(values, 0.1);
+}
+
 } // namespace
 
 double solid_volume_fraction(const PgBox& box) {
@@ -121,7 +130,9 @@ PackingMeasures measure_packing(const PgBox& box, const Material& material, Thre
     out.contact_count = contacts.size();
     out.coordination = coordination(box.size(), contacts);
     double sum = 0, largest = 0;
+    std::vector<double> overlap;
     for (const ContactVector& c : contacts) {
+        overlap.push_back(c.overlap);
         sum += c.overlap;
         largest = std::max(largest, c.overlap);
     }
@@ -132,11 +143,17 @@ PackingMeasures measure_packing(const PgBox& box, const Material& material, Thre
     const std::vector<double> force = hertz_forces(box, contacts, material);
     out.stress = virial_stress(box, contacts, force);
     out.balance = force_balance(box.size(), contacts, force);
+    out.overlap_over_mean = over_mean(std::move(overlap));
+    out.force_over_mean = over_mean(force);
     out.overlaps = overlap_by_polar_angle(contacts);
     out.fabric = fabric(contacts);
     out.bond_order_q6 = bond_order_q6(contacts);
     out.radial = radial_distribution(box, 3.0, 0.02, team);
     out.crystal = crystal_check(out.radial);
+    out.order = local_order(box, team);
+    out.local_fraction = local_fraction(box);
+    out.structure_factor = structure_factor(box, 10.0, team);
+    out.seam = seam_check(box, contacts);
     return out;
 }
 

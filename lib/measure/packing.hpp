@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include "measure/fabric.hpp"
+#include "measure/local_fraction.hpp"
+#include "measure/local_order.hpp"
+#include "measure/seam.hpp"
 #include "measure/structure.hpp"
+#include "measure/structure_factor.hpp"
 #include "particles/material.hpp"
 
 namespace talus::measure {
@@ -47,7 +51,12 @@ struct PackingMeasures {
     RadialDistribution radial;
     CrystalCheck crystal;
     double bond_order_q6 = 0;
+    LocalOrder order;
+    LocalFraction local_fraction;
+    StructureFactor structure_factor;
+    SeamCheck seam;
     ContactCheck contacts;
+    Histogram overlap_over_mean, force_over_mean; ///< of contacts, bins of 0.1
 };
 
 /// Contacts are found anew from the positions; the stored ones are only compared with them.

@@ -20,7 +20,8 @@ struct Picture {
     int width = 900, height = 600; ///< pixels
 };
 
-/// Overlap distribution over the polar angle as a rose (with the band of counting noise) beside g(r).
+/// Overlap distribution over the polar angle as a rose and as in the paper (with the band of counting noise),
+/// g(r), S(k), overlaps and forces, single cells, slabs across the box.
 Picture packing_picture(const PackingMeasures& measures, const std::string& title);
 
 /// One test's curve with a name for the key; the curve may be empty (only the peak is known).

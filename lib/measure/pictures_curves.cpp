@@ -61,26 +61,36 @@ double round_step(double span, double parts) {
     return 10 * power;
 }
 
-Picture packing_picture(const PackingMeasures& m, const std::string& title) {
-    Text t;
+namespace {
+
+/// A here-document of two or three columns.
+void table(Text& t, const std::string& name, const std::vector<double>& x, const std::vector<double>& y,
+           const std::vector<double>& z = {}) {
+    t.add("${} << EOD", name);
+    for (std::size_t k = 0; k < x.size(); ++k)
+        if (z.empty())
+            t.add("{:.6g} {:.6g}", x[k], y[k]);
+        else
+            t.add("{:.6g} {:.6g} {:.6g}", x[k], y[k], z[k]);
+    t.add("EOD");
+}
+
+/// Folded angles mirrored to the full circle, with the band of counting noise.
+void rose_panel(Text& t, const OverlapDistribution& overlaps) {
     constexpr std::size_t bins = OverlapDistribution::bins;
     t.add("$rose << EOD");
-    for (std::size_t quarter = 0; quarter < 4; ++quarter) // folded angles, mirrored to the full circle
+    for (std::size_t quarter = 0; quarter < 4; ++quarter)
         for (std::size_t k = 0; k < bins; ++k) {
-            const double value = m.overlaps.value[quarter % 2 ? bins - 1 - k : k];
+            const double value = overlaps.value[quarter % 2 ? bins - 1 - k : k];
             for (double edge : {0.0, 1.0}) {
                 const double angle = (static_cast<double>(quarter * bins + k) + edge) * std::numbers::pi / 36;
                 t.add("{:.6g} {:.6g}", value * std::sin(angle), value * std::cos(angle));
             }
         }
-    t.add("EOD\n$radial << EOD");
-    for (std::size_t b = 0; b < m.radial.g.size(); ++b)
-        t.add("{:.6g} {:.6g}", m.radial.r_over_diameter[b], m.radial.g[b]);
     t.add("EOD");
-    t.add("{}set multiplot layout 1,2 title {} noenhanced", style, quoted(title));
-    const double noise = m.overlaps.counting_noise;
+    const double noise = overlaps.counting_noise;
     const double reach =
-        1.1 * std::max(1 + noise, *std::max_element(m.overlaps.value.begin(), m.overlaps.value.end()));
+        1.1 * std::max(1 + noise, *std::max_element(overlaps.value.begin(), overlaps.value.end()));
     t.add("set title 'Overlap by polar angle to the vertical, mean 1'");
     t.add(
         "set size ratio -1\nset xrange [{0}:{1}]\nset yrange [{0}:{1}]\nset parametric\nset trange [0:2*pi]",
@@ -93,12 +103,39 @@ Picture packing_picture(const PackingMeasures& m, const std::string& title) {
         "sin(t),cos(t) with lines lw 1.5 lc rgb '#202020' title 'isotropic', "
         "{}*sin(t),{}*cos(t) with lines dt 2 lc rgb '#808080' title sprintf('counting noise, %.2f %%', {}), "
         "{}*sin(t),{}*cos(t) with lines dt 2 lc rgb '#808080' notitle",
-        100 * m.overlaps.relative_standard_deviation, 1 + noise, 1 + noise, 100 * noise,
+        100 * overlaps.relative_standard_deviation, 1 + noise, 1 + noise, 100 * noise,
         std::max(0.0, 1 - noise), std::max(0.0, 1 - noise));
-    t.add("unset parametric\nset size noratio\nset title 'Radial distribution'");
+    t.add("unset parametric\nset size noratio");
+}
+
+/// Overlaps over the polar angle as in the paper's figures.
+void polar_panel(Text& t, const OverlapDistribution& overlaps) {
+    std::vector<double> angle, value(overlaps.value.begin(), overlaps.value.end());
+    for (std::size_t k = 0; k < value.size(); ++k)
+        angle.push_back(90.0 / OverlapDistribution::bins * (static_cast<double>(k) + 0.5));
+    table(t, "polar", angle, value);
+    const double noise = overlaps.counting_noise;
+    const double top = std::max(1 + 2 * noise, *std::max_element(value.begin(), value.end()));
+    t.add("set title sprintf('Overlap distribution: RSD %.2f %%, kurtosis %.2f', {}, {})",
+          100 * overlaps.relative_standard_deviation, overlaps.kurtosis);
+    t.add("set xlabel 'polar angle to the vertical (deg)'\nset ylabel 'overlap over its mean'");
+    t.add("set xrange [0:90]\nset xtics 15\nset yrange [0:{}]\nset boxwidth 4.4", 1.15 * top);
+    t.add("set object 1 rectangle from 0,{} to 90,{} fc rgb '#d9d9d9' fs solid noborder behind",
+          std::max(0.0, 1 - noise), 1 + noise);
+    t.add("plot $polar using 1:2 with boxes fs solid 0.6 noborder lc rgb '#4393c3' notitle, 1 with lines lw "
+          "1.5 "
+          "lc rgb '#202020' title 'isotropic', NaN with lines lw 8 lc rgb '#d9d9d9' title sprintf('counting "
+          "noise, %.2f %%', {})",
+          100 * noise);
+    t.add("unset object 1\nset xtics auto");
+}
+
+void radial_panel(Text& t, const PackingMeasures& m) {
+    table(t, "radial", m.radial.r_over_diameter, m.radial.g);
     const double top = m.radial.g.empty() ? 1 : *std::max_element(m.radial.g.begin(), m.radial.g.end());
     const double last = m.radial.g.empty() ? 3 : m.radial.r_over_diameter.back();
-    t.add("set xrange [0.8:{}]\nset yrange [0:{}]", last, std::min(1.05 * top, 6.0));
+    t.add("set title 'Radial distribution'\nset xrange [0.8:{}]\nset yrange [0:{}]", last,
+          std::min(1.05 * top, 6.0));
     t.add("set xlabel 'distance over mean diameter r/d'\nset ylabel 'g(r)'");
     t.add("set arrow 1 from {0}, graph 0 to {0}, graph 1 nohead dt 3 lc rgb '#b2182b'", std::numbers::sqrt2);
     t.add("plot $radial using 1:2 with lines lw 1.5 lc rgb '#2166ac' title sprintf('measured (first peak "
@@ -106,8 +143,104 @@ Picture packing_picture(const PackingMeasures& m, const std::string& title) {
           "1 with lines lc rgb '#808080' notitle, "
           "NaN with lines dt 3 lc rgb '#b2182b' title sprintf('crystals peak at 1.414: ratio %.2f', {})",
           top, m.crystal.peak_ratio);
+    t.add("unset arrow 1");
+}
+
+void structure_panel(Text& t, const StructureFactor& s) {
+    std::vector<double> error;
+    double least = 1;
+    for (std::size_t k = 0; k < s.s.size(); ++k) {
+        error.push_back(s.s[k] / std::sqrt(static_cast<double>(s.vectors[k])));
+        least = s.s[k] > 1e-9 ? std::min(least, s.s[k]) : least; // lattices have nothing but rounding there
+    }
+    table(t, "factor", s.k_times_diameter, s.s, error);
+    t.add("set title sprintf('Structure factor: %.4f +- %.4f at small k', {}, {})", s.small_k,
+          s.small_k_error);
+    t.add("set xlabel 'wave number times mean diameter k d'\nset ylabel 'S(k)'\nset xrange [0:*]");
+    t.add("set logscale y\nset yrange [{}:*]", std::pow(10.0, std::floor(std::log10(least))));
+    t.add("plot $factor using 1:2:3 with yerrorbars lw 1 pt 0 lc rgb '#92c5de' title 'standard error of a "
+          "shell', $factor using 1:2 with linespoints lw 1.5 pt 7 ps 0.3 lc rgb '#2166ac' title 'measured', "
+          "1 with lines lc rgb '#808080' title 'ideal gas'");
+    t.add("unset logscale y");
+}
+
+void cells_panel(Text& t, const LocalFraction& f, double global) {
+    table(t, "cells", f.distribution.centre, f.distribution.density);
+    t.add("set title sprintf('Solid fraction of single cells: %.4f +- %.4f', {}, {})", f.mean,
+          f.standard_deviation);
+    t.add("set xlabel 'solid fraction of a grain''s cell'\nset ylabel 'probability density'");
+    const double margin = 2 * f.distribution.bin_width;
+    t.add("set xrange [{}:{}]\nset yrange [0:*]\nset boxwidth {}", f.min - margin, f.max + margin,
+          0.9 * f.distribution.bin_width);
+    t.add("set arrow 1 from {0}, graph 0 to {0}, graph 1 nohead dt 2 lw 1.5 lc rgb '#b2182b' front", global);
+    t.add("plot $cells using 1:2 with boxes fs solid 0.6 noborder lc rgb '#4393c3' notitle, NaN with lines "
+          "dt 2 "
+          "lw 1.5 lc rgb '#b2182b' title sprintf('whole box, %.4f', {})",
+          global);
+    t.add("unset arrow 1");
+}
+
+/// One measure along the three axes, with the band of the inside's spread about its mean.
+void slab_panel(Text& t, const SeamCheck& seam, const std::string& name, const std::string& label,
+                std::vector<double> SlabProfile::*column, SeamScore SeamCheck::Axis::*score) {
+    static const std::array<const char*, 3> colours{"#2166ac", "#1b7837", "#b2182b"};
+    std::string plots;
+    double least = 1e300, most = -1e300, error = 0, inside = 0;
+    for (std::size_t a = 0; a < 3; ++a) {
+        const std::vector<double>& value = seam.profile[a].*column;
+        std::vector<double> place;
+        for (std::size_t s = 0; s < value.size(); ++s) {
+            place.push_back((static_cast<double>(s) + 0.5) / static_cast<double>(value.size()));
+            least = std::min(least, value[s]);
+            most = std::max(most, value[s]);
+        }
+        table(t, fmt::format("{}{}", name, a), place, value);
+        const SeamScore& s = seam.axis[a].*score;
+        error = s.standard_error;
+        inside += s.inside / 3;
+        plots += fmt::format(", ${}{} using 1:2 with linespoints lw 1.5 pt 7 ps 0.4 lc rgb '{}' title "
+                             "sprintf('{}, at the faces %+.1f', {})",
+                             name, a, colours[a], "xyz"[a], s.z_score);
+    }
+    const double room = std::max({0.15 * (most - least), 2.5 * error, 1e-3 * std::abs(most)});
+    t.add("set title 'Slabs across the box: {}'", label);
+    t.add("set xlabel 'place over box length'\nset ylabel '{}'", label);
+    t.add("set xrange [0:1]\nset yrange [{}:{}]", std::min(least, inside) - room,
+          std::max(most, inside) + room);
+    t.add("set object 1 rectangle from 0,{} to 1,{} fc rgb '#e0e0e0' fs solid noborder behind",
+          inside - 2 * error, inside + 2 * error);
+    t.add("plot NaN with lines lw 8 lc rgb '#e0e0e0' title 'mean of two slabs: inside, 2 standard errors'{}",
+          plots);
+    t.add("unset object 1");
+}
+
+void forces_panel(Text& t, const PackingMeasures& m) {
+    table(t, "overlaps", m.overlap_over_mean.centre, m.overlap_over_mean.density);
+    table(t, "forces", m.force_over_mean.centre, m.force_over_mean.density);
+    t.add("set title 'Contacts'\nset xlabel 'over the mean'\nset ylabel 'probability density'");
+    t.add("set logscale y\nset xrange [0:*]\nset yrange [1e-4:3]\nset format y '10^{{%T}}'");
+    t.add("plot $overlaps using 1:2 with linespoints lw 1.5 pt 7 ps 0.4 lc rgb '#2166ac' title 'overlap', "
+          "$forces using 1:2 with linespoints lw 1.5 pt 7 ps 0.4 lc rgb '#b2182b' title 'normal force'");
+    t.add("unset logscale y\nset format y '%g'");
+}
+
+} // namespace
+
+Picture packing_picture(const PackingMeasures& m, const std::string& title) {
+    Text t;
+    t.add("{}set multiplot layout 2,4 title {} noenhanced", style, quoted(title));
+    rose_panel(t, m.overlaps);
+    polar_panel(t, m.overlaps);
+    radial_panel(t, m);
+    structure_panel(t, m.structure_factor);
+    forces_panel(t, m);
+    cells_panel(t, m.local_fraction, m.solid_volume_fraction);
+    slab_panel(t, m.seam, "fraction", "solid volume fraction", &SlabProfile::solid_volume_fraction,
+               &SeamCheck::Axis::solid_volume_fraction);
+    slab_panel(t, m.seam, "coordination", "coordination number", &SlabProfile::coordination_number,
+               &SeamCheck::Axis::coordination_number);
     t.add("unset multiplot");
-    return {t.take(), 1150, 560};
+    return {t.take(), 1900, 960};
 }
 
 Picture triaxial_picture(const std::vector<NamedCurve>& curves, const std::vector<TestPeak>& peaks,

@@ -39,6 +39,41 @@ inline PgBox simple_cubic(int cells, double overlap_ratio) {
     return box;
 }
 
+/// `grains` spheres thrown one after the other where they touch nobody, then grown by `grow` so that some do.
+/// Radii lie evenly in [least_ratio, 1] of the largest; solid fraction `fraction` before they grow.
+inline PgBox random_sequential(std::size_t grains, double fraction, double least_ratio, double grow,
+                               std::uint64_t seed) {
+    PgBox box;
+    const Philox random(seed);
+    double cubes = 0;
+    for (std::size_t i = 0; i < grains; ++i) {
+        box.radius.push_back(1 - (1 - least_ratio) * (static_cast<double>(i) + 0.5) / double(grains));
+        cubes += std::pow(box.radius.back(), 3);
+    }
+    const double scale = std::cbrt(fraction / (4.0 / 3 * std::numbers::pi * cubes));
+    for (double& r : box.radius)
+        r *= scale;
+    std::uint64_t draw = 0;
+    while (box.position.size() < grains) {
+        const auto a = random.uniform2(2 * draw), b = random.uniform2(2 * draw + 1);
+        ++draw;
+        const Vec3 p{a[0], a[1], b[0]};
+        bool free = true;
+        for (std::size_t j = 0; j < box.position.size() && free; ++j) {
+            Vec3 d = p - box.position[j];
+            for (int k = 0; k < 3; ++k)
+                d[k] -= std::round(d[k]);
+            const double least = box.radius[box.position.size()] + box.radius[j];
+            free = norm2(d) >= least * least;
+        }
+        if (free)
+            box.position.push_back(p);
+    }
+    for (double& r : box.radius)
+        r *= grow;
+    return box;
+}
+
 /// A direction evenly over the sphere.
 inline Vec3 random_direction(const Philox& random, std::uint64_t k) {
     const auto u = random.uniform2(k);

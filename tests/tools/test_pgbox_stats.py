@@ -72,6 +72,102 @@ class PgboxStats(ReadsInput, ToolTest):
         peak = radial["r_over_diameter"][int(np.argmax(radial["g"]))]
         self.assertTrue(0.9 < peak < 1.15, peak)
 
+    def test_structure_numbers(self):
+        self.ok("pgbox-gen", "--radius", 0.06, "--radius-min-ratio", 0.8, "-o", "box.h5")
+        got = self.ok("pgbox-stats", "box.h5", "--format", "json").json
+        with h5py.File(self.folder / "box.h5", "r") as file:
+            position, radius = file["particles/all/position"][:], file["particles/all/radius"][:]
+            image = file["granular/contacts/image"][:]
+            length = file["particles/all/box/edges"][0]
+        n = len(radius)
+        diameter = 2 * radius.mean()
+        # Each axis: exact volumes of spheres between planes add up, and so do those at the face.
+        seam = got["seam"]
+        for axis, name in enumerate("xyz"):
+            profile = seam[name]["profile"]
+            slabs = len(profile["solid_volume_fraction"])
+            self.assertEqual(slabs, max(8, int(length / diameter)))
+            self.assertAlmostEqual(seam["slab_width"] * slabs, length, 12)
+            self.assertAlmostEqual(np.mean(profile["solid_volume_fraction"]), got["solid_volume_fraction"], 9)
+            self.assertEqual(seam[name]["contacts_across_face"], int((image[:, axis] != 0).sum()))
+            face = seam[name]["solid_volume_fraction"]
+            values = np.array(profile["solid_volume_fraction"])
+            self.assertAlmostEqual(face["face"], (values[0] + values[-1]) / 2, 12)
+            self.assertAlmostEqual(face["z_score"], (face["face"] - face["inside"]) / face["standard_error"], 9)
+            # A slab by points thrown into it.
+            points = np.random.default_rng(axis).random((4000, 3)) * length
+            points[:, axis] *= 1 / slabs
+            apart = points[:, None] - position[None]
+            apart -= length * np.round(apart / length)
+            inside = (np.einsum("pik,pik->pi", apart, apart) < radius**2).any(axis=1)
+            self.assertAlmostEqual(values[0], inside.mean(), delta=0.035)
+        self.assertIs(seam["uniform"], True)
+        # The first shell of the structure factor.
+        waves = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, -1, 0], [1, 0, 1], [1, 0, -1],
+                          [0, 1, 1], [0, 1, -1]])
+        terms = np.exp(-2j * np.pi * position @ waves.T / length)
+        factor = got["structure_factor"]
+        self.assertEqual(factor["vectors"][0], 9)
+        self.assertAlmostEqual(factor["s"][0], np.mean(np.abs(terms.sum(axis=0)) ** 2) / n, 9)
+        weighted = np.abs((radius[:, None] ** 3 * terms).sum(axis=0)) ** 2 / (radius**6).sum()
+        self.assertAlmostEqual(factor["s_by_volume"][0], weighted.mean(), 9)
+        self.assertAlmostEqual(factor["k_times_diameter"][0],
+                               np.mean(2 * np.pi * np.linalg.norm(waves, axis=1) * diameter / length), 9)
+        # Cells: their volumes are (4/3 pi r^3) / fraction, so the fractions' mean and spread bound the whole's.
+        local = got["local_solid_fraction"]
+        self.assertLess(local["volume_error"], 1e-9)
+        self.assertEqual(local["grains_without_cell"], 0)
+        self.assertAlmostEqual(local["mean"], got["solid_volume_fraction"], delta=0.01)
+        self.assertTrue(local["min"] < got["solid_volume_fraction"] < local["max"] < 0.85)
+        self.assertAlmostEqual(np.sum(local["distribution"]["density"]) * local["distribution"]["bin_width"], 1, 9)
+        self.assertLess(got["local_order"]["crystal_fraction"], 0.05)
+        for name in ("overlap", "force"):
+            spread = got[f"{name}_distribution"]
+            density, centre = np.array(spread["density"]), np.array(spread[f"{name}_over_mean"])
+            self.assertAlmostEqual(density.sum() * spread["bin_width"], 1, 9)
+            self.assertAlmostEqual((density * centre).sum() * spread["bin_width"], 1, delta=0.01)
+
+    def test_damaged_seam(self):
+        self.ok("pgbox-gen", "--radius", 0.04, "-o", "box.h5")
+        self.assertIs(self.ok("pgbox-stats", "box.h5", "--format", "json").json["seam"]["uniform"], True)
+
+        def shrink(file):  # half of the grains within a radius of the upper and lower face
+            height, radius = file["particles/all/position"][:, 2], file["particles/all/radius"][:]
+            near = np.flatnonzero((height < 0.04) | (height > 0.96))
+            radius[near[::2]] *= 0.5
+            file["particles/all/radius"][...] = radius
+        copy_with(self.folder / "box.h5", self.folder / "seam.h5", shrink)
+        seam = self.ok("pgbox-stats", "seam.h5", "--format", "json").json["seam"]
+        self.assertIs(seam["uniform"], False)
+        self.assertIs(seam["z"]["solid_volume_fraction"]["conspicuous"], True)
+        self.assertLess(seam["z"]["solid_volume_fraction"]["z_score"], -5)
+        self.assertIs(seam["x"]["solid_volume_fraction"]["conspicuous"], False)
+
+    def test_run_on(self):
+        self.ok("pgbox-gen", "--radius", 0.09, "--friction", 0, "--unbalanced-force", 1e-7, "-o", "box.h5")
+        self.assertNotIn("run_on", self.ok("pgbox-stats", "box.h5", "--format", "json").json)
+        got = self.ok("pgbox-stats", "box.h5", "--run-on", 1000, "--format", "json").json
+        run = got["run_on"]
+        self.assertEqual(run["steps"], 1000)
+        self.assertIs(run["quasi_static"], True)
+        self.assertLess(run["max_displacement_ratio"], 1e-4)
+        self.assertAlmostEqual(run["coordination_number_before"], got["coordination_number"], 9)
+        self.assertAlmostEqual(run["unbalanced_force_before"] / got["unbalanced_force"], 1, delta=0.05)
+
+        def push(file):  # one grain out of its place by a twentieth of its radius
+            file["particles/all/position"][7, 0] = min(0.999, file["particles/all/position"][7, 0] + 0.0045)
+        copy_with(self.folder / "box.h5", self.folder / "pushed.h5", push)
+        run = self.ok("pgbox-stats", "pushed.h5", "--run-on", 1000, "--format", "json", "-q").json["run_on"]
+        self.assertIs(run["quasi_static"], False)
+        self.assertGreater(run["max_kinetic_ratio"], 1e-4)
+        got = self.run_tool("pgbox-stats", "box.h5", "--run-on", -1)
+        self.assertNotEqual(got.code, 0, str(got))
+
+    def test_threads(self):
+        box = self.box()
+        one, two = (self.ok("pgbox-stats", box, "--run-on", 50, "--format", "json", "-j", j).out for j in (1, 2))
+        self.assertEqual(one, two)
+
     def test_output_file(self):
         box = self.box()
         printed = self.ok("pgbox-stats", box, "--format", "json")

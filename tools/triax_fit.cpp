@@ -12,26 +12,14 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <fmt/format.h>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <numbers>
-#include <sstream>
 
 using namespace talus;
 
 namespace {
 
 constexpr double degrees = 180 / std::numbers::pi;
-
-std::string read_text(const std::string& path) {
-    std::ifstream file(path, std::ios::binary);
-    std::ostringstream text;
-    text << file.rdbuf();
-    if (!file)
-        throw Error(ExitCode::input_invalid,
-                    fmt::format("{}: cannot be read; check its name and rights", path));
-    return text.str();
-}
 
 measure::TriaxialCurve read_curve(const std::string& path) {
     const io::TrajectoryReader trajectory(path);
@@ -171,7 +159,7 @@ int main(int argc, char** argv) {
         }
         if (!peaks_path.empty()) {
             cli::check_input(peaks_path);
-            for (const measure::TestPeak& p : measure::parse_peaks(read_text(peaks_path), peaks_path)) {
+            for (const measure::TestPeak& p : measure::parse_peaks(cli::read_text(peaks_path), peaks_path)) {
                 peaks.push_back(p);
                 tests.push_back({{"source", peaks_path},
                                  {"confining_stress", p.confining_stress},

@@ -7,6 +7,8 @@
 #include <fcntl.h>
 #include <filesystem>
 #include <fmt/format.h>
+#include <fstream>
+#include <sstream>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -49,6 +51,16 @@ void check_input(const std::string& path) {
     if (access(path.c_str(), R_OK) != 0)
         throw Error(ExitCode::input_invalid,
                     fmt::format("{}: input file cannot be read: {}", path, std::strerror(errno)));
+}
+
+std::string read_text(const std::string& path) {
+    std::ifstream file(path, std::ios::binary);
+    std::ostringstream text;
+    text << file.rdbuf();
+    if (!file)
+        throw Error(ExitCode::input_invalid,
+                    fmt::format("{}: cannot be read; check its name and rights", path));
+    return text.str();
 }
 
 void check_output(const std::string& path, bool overwrite) {

@@ -16,6 +16,9 @@ std::string finish_stdout();
 /// @throws Error(input_invalid) for a file that is missing or cannot be opened.
 void check_input(const std::string& path);
 
+/// A whole text file. @throws Error(input_invalid) where it cannot be read.
+std::string read_text(const std::string& path);
+
 /// @throws Error(output_exists), or Error(run_failed) where nothing can be written: no such directory, no
 /// permission, a device.
 void check_output(const std::string& path, bool overwrite);

@@ -18,6 +18,25 @@ std::vector<double> sphere_masses(const PgBox& box) {
     return mass;
 }
 
+void write_grading(const hdf::Group& pgbox, const std::string& name, const GradingColumns& grading) {
+    if (grading.diameter.size() != grading.fraction_finer.size())
+        pgbox.context().fail(pgbox.path(name), "has columns of different length");
+    if (grading.diameter.empty())
+        return;
+    pgbox.write(name + "/diameter", grading.diameter, {.unit = "m"});
+    pgbox.write(name + "/fraction_finer", grading.fraction_finer);
+}
+
+GradingColumns read_grading(const hdf::Group& pgbox, const std::string& name) {
+    if (!pgbox.is_group(name))
+        return {};
+    const hdf::Group group = pgbox.group(name);
+    GradingColumns out{read_scalars(group, "diameter"), read_scalars(group, "fraction_finer")};
+    if (out.diameter.size() != out.fraction_finer.size())
+        pgbox.context().fail(pgbox.path(name), "has columns of different length; make the box anew");
+    return out;
+}
+
 } // namespace
 
 void write_pgbox(const std::string& path, const PgBoxFile& file, bool overwrite) {
@@ -36,6 +55,8 @@ void write_pgbox(const std::string& path, const PgBoxFile& file, bool overwrite)
         const hdf::Group pgbox = root.create_group("granular/pgbox");
         pgbox.set(file.attributes);
         pgbox.set("density", file.box.density);
+        write_grading(pgbox, "grading", file.grading);
+        write_grading(pgbox, "grading/asked", file.asked_grading);
         for (const auto& [name, values] : file.history) {
             if (values.size() != file.history.front().second.size())
                 to.context().fail(pgbox.path("history/" + name), "differs in length from the other columns");
@@ -75,6 +96,8 @@ PgBoxFile read_pgbox(const std::string& path) {
         file.attributes = pgbox.attributes();
         file.attributes.erase("density");
         file.box.density = pgbox.number("density").value_or(file.box.density);
+        file.grading = read_grading(pgbox, "grading");
+        file.asked_grading = read_grading(pgbox, "grading/asked");
         if (pgbox.is_group("history")) {
             const hdf::Group history = pgbox.group("history");
             for (const std::string& name : history.texts("columns"))

@@ -10,6 +10,12 @@
 
 namespace talus::io {
 
+/// Part by mass of the grains finer than a diameter.
+struct GradingColumns {
+    std::vector<double> diameter;       ///< m, rising
+    std::vector<double> fraction_finer; ///< of the same length
+};
+
 /// A PG box and how it was made (`*.pgbox.h5`).
 struct PgBoxFile {
     PgBox box;
@@ -17,6 +23,8 @@ struct PgBoxFile {
     Attributes attributes;
     /// Measures against iteration: named columns, all of one length.
     std::vector<std::pair<std::string, std::vector<double>>> history;
+    /// What the grains make, and what was asked for; empty where all are equal and where no curve was given.
+    GradingColumns grading, asked_grading;
     Provenance provenance;
     std::string config; ///< effective configuration, JSON; may be empty
 };

@@ -99,6 +99,8 @@ inline PgBoxFile sample_pgbox(std::size_t n = 50) {
                        {"coordination_number", 6.25},
                        {"converged", std::int64_t{1}}};
     file.history = {{"iteration", {0, 10, 20}}, {"pressure", {1e3, 1e4, 1.5e4}}};
+    file.grading = {{0.01, 0.02, 0.03}, {0.1, 0.5, 1}};
+    file.asked_grading = {{0.01, 0.03}, {0, 1}};
     file.provenance = sample_provenance();
     file.config = "{\"box_length\": 1.25}";
     return file;

@@ -46,6 +46,10 @@ TEST_F(RoundTrip, pgbox) {
     expect_same(back.box, file.box);
     EXPECT_EQ(back.attributes, file.attributes);
     EXPECT_EQ(back.history, file.history);
+    EXPECT_EQ(back.grading.diameter, file.grading.diameter);
+    EXPECT_EQ(back.grading.fraction_finer, file.grading.fraction_finer);
+    EXPECT_EQ(back.asked_grading.diameter, file.asked_grading.diameter);
+    EXPECT_EQ(back.asked_grading.fraction_finer, file.asked_grading.fraction_finer);
     EXPECT_EQ(back.config, file.config);
     expect_same(back.provenance, file.provenance);
     EXPECT_EQ(kind_of(path("a.pgbox.h5")), FileKind::pgbox);
@@ -60,7 +64,7 @@ TEST_F(RoundTrip, pgbox_with_nothing_optional) {
     const PgBoxFile back = read_pgbox(path("one.pgbox.h5"));
     expect_same(back.box, file.box);
     EXPECT_TRUE(back.attributes.empty() && back.history.empty() && back.provenance.empty() &&
-                back.config.empty());
+                back.config.empty() && back.grading.diameter.empty() && back.asked_grading.diameter.empty());
 }
 
 TEST_F(RoundTrip, explicit_model) {

@@ -2,12 +2,15 @@
 #include "base/error.hpp"
 #include "cli/progress.hpp"
 #include "cli/signals.hpp"
+#include "cli/streams.hpp"
 #include "cli/tool.hpp"
 #include "io/model_file.hpp"
 #include "io/pgbox_file.hpp"
 #include "measure/packing.hpp"
 #include "packing/compress.hpp"
 #include "packing/sediment.hpp"
+#include "packing/servo.hpp"
+#include "pgbox_gen/variants.hpp"
 
 #include <array>
 #include <chrono>
@@ -23,8 +26,11 @@ struct Settings {
     std::string route = "compress";
     packing::CompressSettings compress;
     packing::SedimentSettings sediment; ///< sizes, material and seed are those of `compress`
+    packing::ServoSettings servo;       ///< likewise; what compresses grains with friction
     std::optional<double> particle_count;
+    std::string grading; ///< file name
     bool keep_stages = false;
+    pgbox_gen::VariantOptions variants;
 };
 
 double physical_memory() {
@@ -106,6 +112,51 @@ Made by_compression(const Settings& settings, ThreadTeam& team, cli::Progress& p
                            {"solid_volume_fraction", [](const State& s) { return s.solid_volume_fraction; }},
                            {"coordination_number", [](const State& s) { return s.coordination_number; }},
                            {"mean_overlap_ratio", [](const State& s) { return s.mean_overlap_ratio; }},
+                           {"pressure", [](const State& s) { return s.pressure; }},
+                           {"unbalanced_force", [](const State& s) { return s.unbalanced_force; }}})};
+}
+
+Made by_servo(const Settings& settings, ThreadTeam& team, cli::Progress& progress) {
+    using State = packing::ServoState;
+    packing::ServoResult made =
+        packing::servo_compress(settings.servo, team, [&](const State& state, double fraction) {
+            static constexpr std::array names{"compress", "balance", "relax"};
+            cli::throw_if_stop_requested();
+            progress.update(fraction, fmt::format("{} fraction {:.4f} Z {:.3f} stress deviation {:.1e}",
+                                                  names[static_cast<std::size_t>(state.stage) - 1],
+                                                  state.solid_volume_fraction, state.coordination_number,
+                                                  state.stress_deviation));
+        });
+    const State& end = made.end;
+    return {
+        std::move(made.box),
+        made.failure,
+        {{"steps", end.steps},
+         {"simulated_time", end.time},
+         {"unbalanced_force_at_end", end.unbalanced_force},
+         {"kinetic_over_elastic_energy", end.kinetic_ratio},
+         {"detours", made.detours},
+         {"stress_x", end.axis_stress[0]},
+         {"stress_y", end.axis_stress[1]},
+         {"stress_z", end.axis_stress[2]},
+         {"stress_deviation", end.stress_deviation},
+         {"stress_anisotropy", end.stress_anisotropy},
+         {"radius_factor", made.radius_factor}},
+        columns_of<State>(made.history,
+                          {{"stage", [](const State& s) { return double(s.stage); }},
+                           {"time", [](const State& s) { return s.time; }},
+                           {"step", [](const State& s) { return double(s.steps); }},
+                           {"solid_volume_fraction", [](const State& s) { return s.solid_volume_fraction; }},
+                           {"coordination_number", [](const State& s) { return s.coordination_number; }},
+                           {"stress_x", [](const State& s) { return s.axis_stress[0]; }},
+                           {"stress_y", [](const State& s) { return s.axis_stress[1]; }},
+                           {"stress_z", [](const State& s) { return s.axis_stress[2]; }},
+                           {"largest_principal_stress", [](const State& s) { return s.principal_stress[0]; }},
+                           {"middle_principal_stress", [](const State& s) { return s.principal_stress[1]; }},
+                           {"least_principal_stress", [](const State& s) { return s.principal_stress[2]; }},
+                           {"cell_deviation", [](const State& s) { return s.cell_deviation; }},
+                           {"mean_overlap_ratio", [](const State& s) { return s.mean_overlap_ratio; }},
+                           {"kinetic_over_elastic_energy", [](const State& s) { return s.kinetic_ratio; }},
                            {"pressure", [](const State& s) { return s.pressure; }},
                            {"unbalanced_force", [](const State& s) { return s.unbalanced_force; }}})};
 }
@@ -196,6 +247,9 @@ void register_sediment(cli::Settings& s, Settings& all) {
              "of the bottom layer, in box lengths per fall", cli::positive);
     s.number("sediment.cut_plane", c.cut_plane, Unit::none, "each new cut above the last, in box lengths",
              {0, 1, true, true});
+    s.number("sediment.stroke", c.stroke, Unit::none,
+             "by how many largest radii each new bottom layer is drawn back and compressed up again",
+             {0, 100});
     s.integer("sediment.homogenise_rounds", c.homogenise_rounds, "cut planes", 1);
     s.number("sediment.round_time", c.round_time, Unit::none, "falls that each round takes at most",
              cli::positive);
@@ -215,6 +269,52 @@ void register_sediment(cli::Settings& s, Settings& all) {
            "write sediment, cut, compressed and homogenised grains beside the output, as models (and XDMF)");
 }
 
+void register_servo(cli::Settings& s, Settings& all) {
+    using cli::Unit;
+    packing::ServoSettings& c = all.servo;
+    s.number("servo.initial_fraction", c.initial_fraction, Unit::none,
+             "solid fraction at which grains are mixed before they are compressed with friction: the larger, "
+             "the fewer contacts and the lower a pressure at the target",
+             {0.05, 1, false, true});
+    s.number("servo.mixing_path", c.mixing_path, Unit::none,
+             "way that grains go while they are mixed, in mean diameters: acts alike", cli::not_negative);
+    s.number("servo.mixing_speed", c.mixing_speed, Unit::none,
+             "their speed (root mean square) over that of sound in the grains, sqrt(E / density)",
+             {0, 0.01, true, false});
+    s.number("servo.inertial_number", c.inertial_number, Unit::none,
+             "linear strain rate times diameter sqrt(density / mean stress)", cli::positive);
+    s.number("servo.least_stress", c.least_stress, Unit::none,
+             "what the mean stress counts as in this at least, over Young's modulus", cli::positive);
+    s.number("servo.gain", c.gain, Unit::none,
+             "relative change of an axis' strain rate per relative deviation of its stress",
+             cli::not_negative);
+    s.number("servo.viscous_damping", c.viscous_damping, Unit::none,
+             "against the mean strain, in speeds of sound per diameter", cli::not_negative);
+    s.number("servo.relax_damping", c.relax_damping, Unit::none, "the same while the cell rests",
+             cli::not_negative);
+    s.integer("servo.detours", c.detours, "strains to and fro that make the stresses equal, at most", 0);
+    s.optional_number("servo.stress_tolerance", c.stress_tolerance, Unit::none,
+                      "deviation of the stresses along the axes from their mean, over it; auto: 0.005, "
+                      "0.3 / sqrt(grains) below 3600",
+                      {0, 1, true, false});
+    s.number("servo.unbalanced_force", c.unbalanced_force, Unit::none, "net over contact force at the end",
+             {0, 1, true, false});
+    s.number("servo.kinetic_ratio", c.kinetic_ratio, Unit::none, "kinetic over elastic energy at the end",
+             cli::positive);
+    s.integer("servo.compression_steps", c.compression_steps, "time steps at most", 1);
+    s.integer("servo.relax_steps", c.relax_steps, "time steps that each relaxation may take", 1);
+    s.number("servo.step_fraction", c.step_fraction, Unit::none, "time step over the Rayleigh time",
+             {0, 0.25, true, false});
+    s.check([&s, &all] {
+        if (all.route != "compress" || all.compress.material.friction == 0)
+            return;
+        for (const char* key : {"coordination_number", "coordination_tolerance", "overcompression",
+                                "quench_unbalanced_force", "unbalanced_force", "attempts", "iterations"})
+            if (s.given(key))
+                s.reject(key, "found with friction, expected without: see servo.*");
+    });
+}
+
 void register_settings(cli::Settings& s, Settings& all) {
     using cli::Unit;
     packing::CompressSettings& c = all.compress;
@@ -223,6 +323,14 @@ void register_settings(cli::Settings& s, Settings& all) {
     s.number("radius", c.sizes.radius, Unit::length, "radius of the largest grains", cli::positive);
     s.number("radius_min_ratio", c.sizes.radius_min_ratio, Unit::none,
              "smallest over largest radius, uniform between; 1: all grains equal", {0, 1, true, false});
+    s.text("grading", all.grading,
+           "FILE.csv, a laboratory's grading curve: columns diameter (0.2mm) and fraction_finer or "
+           "percent_finer by mass; with radius: scaled so that its largest grains have it");
+    s.check([&] {
+        if (!all.grading.empty() && s.given("radius_min_ratio"))
+            s.reject("radius_min_ratio",
+                     "found beside a grading, expected one of the two: the grading has all sizes");
+    });
     s.optional_number("particle_count", all.particle_count, Unit::none,
                       "grains; auto: the whole number nearest to the fraction. A common factor on all radii "
                       "makes the fraction exact",
@@ -249,21 +357,24 @@ void register_settings(cli::Settings& s, Settings& all) {
     s.number("quench_unbalanced_force", c.quench_unbalanced_force, Unit::none,
              "net over contact force at which that relaxation ends", {0, 1, true, false});
     s.optional_number("unbalanced_force", c.unbalanced_force, Unit::none,
-                      "net over contact force at the end; auto: 5e-4, 9e-4 above 30,000 grains",
+                      "net over contact force at the end; auto: 1e-4, 3e-4 above 30,000 grains",
                       {0, 1, true, false});
     s.integer("attempts", c.attempts, "starts and recompressions at most", 1);
     s.integer("iterations", c.iterations, "force evaluations at most, all attempts together", 1);
     register_sediment(s, all);
+    register_servo(s, all);
+}
+
+void read_grading(Settings& settings, bool radius_given) {
+    packing::GrainSizes& sizes = settings.compress.sizes;
+    sizes.grading =
+        packing::parse_grading(cli::read_text(settings.grading), settings.grading,
+                               [](std::string_view t) { return cli::parse_quantity(t, cli::Unit::length); });
+    if (!radius_given)
+        sizes.radius = 0.5 * sizes.grading.diameter.back();
 }
 
 void refuse_what_is_missing(const Settings& s) {
-    if (s.route == "compress" && s.compress.material.friction > 0)
-        throw Error(
-            ExitCode::configuration_invalid,
-            fmt::format(
-                "friction: found {}, but the compress route makes frictionless boxes: use --friction 0 or "
-                "--route sediment (the grains' friction in dem-run is the scene's own)",
-                s.compress.material.friction));
     if (s.route != "sediment" && s.keep_stages)
         throw Error(ExitCode::configuration_invalid,
                     "keep_stages: found with --route compress, which has no stages: leave it out");
@@ -277,6 +388,10 @@ struct Forecast {
 Forecast forecast(const Settings& s, int threads) {
     if (s.route == "sediment") {
         const auto f = packing::forecast(s.sediment, threads);
+        return {f.particles, f.memory, f.file_size, f.seconds};
+    }
+    if (s.compress.material.friction > 0) {
+        const auto f = packing::forecast(s.servo, threads);
         return {f.particles, f.memory, f.file_size, f.seconds};
     }
     const auto f = packing::forecast(s.compress, threads);
@@ -301,13 +416,16 @@ int main(int argc, char** argv) {
     Settings settings;
     settings.compress.material.friction = 0;
     register_settings(tool.settings(), settings);
+    pgbox_gen::register_variants(tool.settings(), settings.variants);
     return tool.run(argc, argv, [&] {
         refuse_what_is_missing(settings);
-        settings.compress.seed = settings.sediment.seed = tool.common().seed;
+        settings.compress.seed = settings.sediment.seed = settings.servo.seed = tool.common().seed;
         if (settings.particle_count)
             settings.compress.sizes.particle_count = std::llround(*settings.particle_count);
-        settings.sediment.sizes = settings.compress.sizes;
-        settings.sediment.material = settings.compress.material;
+        if (!settings.grading.empty())
+            read_grading(settings, tool.settings().given("radius"));
+        settings.sediment.sizes = settings.servo.sizes = settings.compress.sizes;
+        settings.sediment.material = settings.servo.material = settings.compress.material;
         const Forecast expected = forecast(settings, tool.common().threads);
         if (expected.memory > physical_memory())
             throw Error(
@@ -318,17 +436,20 @@ int main(int argc, char** argv) {
         if (tool.common().dry_run) {
             tool.result({{"particle_count", expected.particles},
                          {"memory", expected.memory},
-                         {"disk", expected.file_size},
+                         {"disk", expected.file_size * static_cast<double>(settings.variants.count)},
                          {"expected_wall_time", expected.seconds},
                          {"threads", tool.common().threads}});
             return;
         }
+        pgbox_gen::check_variant_outputs(tool, settings.variants);
         cli::install_stop_handler();
         ThreadTeam team(tool.common().threads);
         cli::Progress progress("packing", tool.common().progress, tool.common().quiet);
         const auto start = std::chrono::steady_clock::now();
         const Made made = settings.route == "sediment" ? by_sediment(settings, tool, team, progress)
-                                                       : by_compression(settings, team, progress);
+                          : settings.compress.material.friction > 0
+                              ? by_servo(settings, team, progress)
+                              : by_compression(settings, team, progress);
         progress.finish();
         if (!made.failure.empty())
             throw Error(ExitCode::quality_not_reached, "packing not converged: " + made.failure);
@@ -345,14 +466,53 @@ int main(int argc, char** argv) {
             attributes[key] = value;
         if (settings.compress.material.friction > 0) // tangential forces hold part of the balance
             attributes["unbalanced_force"] = made.attributes.at("unbalanced_force_at_end");
-        io::write_pgbox(tool.common().output,
-                        {.box = made.box,
-                         .attributes = attributes,
-                         .history = made.history,
-                         .provenance = tool.provenance_after({}),
-                         .config = tool.effective_config().dump()},
-                        tool.common().overwrite);
+        const packing::GradingCurve asked = packing::asked_grading(settings.compress.sizes);
+        packing::GradingCurve grading;
+        if (!packing::all_equal(settings.compress.sizes))
+            grading = packing::realised_grading(made.box.radius, asked.diameter);
+        if (!asked.empty())
+            attributes["grading_distance"] = packing::distance(asked, made.box.radius);
+        std::vector<packing::VariantResult> variants;
+        if (settings.variants.count > 1) {
+            const bool compressed = settings.route == "compress";
+            variants = pgbox_gen::make_variants(
+                made.box, settings.variants,
+                {.material = settings.compress.material,
+                 .coordination_tolerance = settings.compress.coordination_tolerance,
+                 .unbalanced_force = compressed ? settings.compress.unbalanced_force.value_or(1e-4)
+                                                : settings.sediment.unbalanced_force},
+                tool, team);
+            attributes.merge(pgbox_gen::family_attributes(made.box, settings.variants, 1));
+        }
+        io::PgBoxFile file{.box = made.box,
+                           .attributes = attributes,
+                           .history = made.history,
+                           .grading = {grading.diameter, grading.fraction_finer},
+                           .asked_grading = {asked.diameter, asked.fraction_finer},
+                           .provenance = tool.provenance_after({}),
+                           .config = tool.effective_config().dump()};
+        io::write_pgbox(tool.common().output, file, tool.common().overwrite);
+        file.history.clear();
+        nlohmann::json made_variants = nlohmann::json::array();
+        for (std::size_t v = 0; v < variants.size(); ++v) {
+            const auto k = static_cast<std::int64_t>(v) + 2;
+            const std::string path = pgbox_gen::variant_path(tool.common().output, k);
+            file.box = std::move(variants[v].box);
+            file.attributes =
+                attributes_of(settings, measure::measure_packing(file.box, settings.compress.material, team));
+            file.attributes.merge(pgbox_gen::family_attributes(made.box, settings.variants, k));
+            file.attributes.merge(pgbox_gen::variant_attributes(variants[v]));
+            if (settings.compress.material.friction > 0)
+                file.attributes["unbalanced_force"] = variants[v].interior.unbalanced_force;
+            io::write_pgbox(path, file, tool.common().overwrite);
+            made_variants.push_back(report(file.attributes, file.box));
+            made_variants.back()["path"] = path;
+        }
         nlohmann::json result = report(attributes, made.box);
+        if (!grading.empty())
+            result["grading"] = {{"diameter", grading.diameter}, {"fraction_finer", grading.fraction_finer}};
+        if (!variants.empty())
+            result["others"] = made_variants;
         result["wall_time"] = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
         tool.result(result);
     });

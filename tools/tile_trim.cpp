@@ -8,6 +8,7 @@
 #include "terrain/outline.hpp"
 #include "terrain/raster.hpp"
 #include "tiling/expand.hpp"
+#include "tiling/family.hpp"
 #include "tiling/slope.hpp"
 #include "tiling/solids.hpp"
 #include "tiling/trim.hpp"
@@ -157,9 +158,11 @@ int main(int argc, char** argv) {
                     .summary = "Fills a region with copies of a periodic granular box",
                     .version = TALUS_VERSION,
                     .min_inputs = 1,
-                    .max_inputs = 1,
+                    .max_inputs = 255,
                     .needs_output = true,
-                    .input_help = "periodic granular box (*.pgbox.h5)",
+                    .input_help =
+                        "periodic granular box (*.pgbox.h5); of several, variants of one, each tile "
+                        "draws one (by --seed)",
                     .epilog = "The model is tiled (box, tiles and masks, small) unless --explicit is given.",
                     .libraries = {{"GDAL", terrain::gdal_version()}, {"CGAL", terrain::cgal_version()}},
                     .simd_target = ""});
@@ -172,7 +175,11 @@ int main(int argc, char** argv) {
         };
         const cli::Common& common = tool.common();
         const std::string& input = common.inputs.front();
-        const io::PgBoxFile file = io::read_pgbox(input);
+        std::vector<io::PgBoxFile> files;
+        for (const std::string& path : common.inputs)
+            files.push_back(io::read_pgbox(path));
+        tiling::require_one_family(files, common.inputs);
+        const io::PgBoxFile& file = files.front();
         const double radius = tiling::largest_radius(file.box);
         if (file.box.size() == 0 || 2 * radius > file.box.length)
             throw Error(
@@ -183,10 +190,13 @@ int main(int argc, char** argv) {
                     input, file.box.length, file.box.size(), radius));
         const double scale = options.radius_max ? *options.radius_max / radius : 1;
         const auto region = make_region(options, radius * scale);
+        std::vector<PgBox> boxes;
+        for (io::PgBoxFile& each : files)
+            boxes.push_back(std::move(each.box));
         ThreadTeam team(common.threads);
         if (common.dry_run) {
-            const tiling::TrimForecast f = tiling::forecast(file.box, scale, *region, team);
-            nlohmann::json out = report(f.counts, file.box, scale, *region);
+            const tiling::TrimForecast f = tiling::forecast(boxes, common.seed, scale, *region, team);
+            nlohmann::json out = report(f.counts, boxes.front(), scale, *region);
             out["dry_run"] = true;
             out["sample_stride"] = f.sample_stride;
             out["peak_memory"] = f.tiled_bytes * 2 + (options.explicit_form ? f.explicit_bytes : 0);
@@ -195,7 +205,7 @@ int main(int argc, char** argv) {
             tool.result(out);
             return;
         }
-        tiling::TrimResult trimmed = tiling::trim(file.box, scale, *region, team);
+        tiling::TrimResult trimmed = tiling::trim(boxes, common.seed, scale, *region, team);
         if (trimmed.counts.fixed_count == trimmed.counts.particle_count)
             tool.warn("all grains are fixed; give a larger --shift or --domain, or a smaller --radius-max");
         if (!options.source_area.empty() && trimmed.counts.release_count == 0)
@@ -203,7 +213,13 @@ int main(int argc, char** argv) {
                 "{}: no grain is released; where it lies, post is nowhere below pre by as much as a "
                 "grain",
                 options.source_area));
-        nlohmann::json out = report(trimmed.counts, file.box, scale, *region);
+        nlohmann::json out = report(trimmed.counts, boxes.front(), scale, *region);
+        if (boxes.size() > 1) {
+            std::vector<std::uint64_t> tiles(boxes.size(), 0);
+            for (const TiledModel::Tile& tile : trimmed.model.tiles)
+                ++tiles[tile.box];
+            out["tiles_by_variant"] = tiles;
+        }
         io::ModelFile model;
         if (options.explicit_form)
             model.model = tiling::expand(trimmed.model, team);

@@ -27,6 +27,22 @@ std::vector<std::uint32_t> morton_order(std::span<const Vec3> position, double c
     return order;
 }
 
+ContactTable touching(const PgBox& box, ThreadTeam& team) {
+    ContactTable out;
+    for (const search::NearPair& pair : search::find_pairs(box.position, box.radius, box.box(), 1, 0, team)) {
+        const Vec3 shift =
+            Vec3{double(pair.image[0]), double(pair.image[1]), double(pair.image[2])} * box.length;
+        const double overlap = box.radius[pair.i] + box.radius[pair.j] -
+                               norm(box.position[pair.j] + shift - box.position[pair.i]);
+        if (overlap > 0) {
+            out.pair.push_back({pair.i, pair.j});
+            out.image.push_back(pair.image);
+            out.normal_overlap.push_back(overlap);
+        }
+    }
+    return out;
+}
+
 PgBox assemble_box(std::span<const Vec3> position, std::span<const double> radius, double length,
                    double density, ThreadTeam& team, std::vector<std::uint32_t>* taken_from) {
     const std::size_t n = position.size();
@@ -47,16 +63,7 @@ PgBox assemble_box(std::span<const Vec3> position, std::span<const double> radiu
         out.position[row] = out.box().wrap(wrapped[order[row]] * length);
         out.radius[row] = radius[order[row]] * length;
     }
-    for (const search::NearPair& pair : search::find_pairs(out.position, out.radius, out.box(), 1, 0, team)) {
-        const Vec3 shift = Vec3{double(pair.image[0]), double(pair.image[1]), double(pair.image[2])} * length;
-        const double overlap = out.radius[pair.i] + out.radius[pair.j] -
-                               norm(out.position[pair.j] + shift - out.position[pair.i]);
-        if (overlap > 0) {
-            out.contacts.pair.push_back({pair.i, pair.j});
-            out.contacts.image.push_back(pair.image);
-            out.contacts.normal_overlap.push_back(overlap);
-        }
-    }
+    out.contacts = touching(out, team);
     if (taken_from != nullptr)
         *taken_from = order;
     return out;

@@ -14,6 +14,9 @@ namespace talus::packing {
 /// @param position [N] in units of the box edge, in [0, 1)
 std::vector<std::uint32_t> morton_order(std::span<const Vec3> position, double cell);
 
+/// Touching pairs of a box from its positions and radii, sorted by (i, j, image).
+ContactTable touching(const PgBox& box, ThreadTeam& team);
+
 /// A PG box from reduced positions (box edge 1, any image) and radii (box edge 1): rows in Morton order,
 /// positions wrapped into [0, length), contacts found from the positions that are stored.
 /// @param taken_from where given: the row of `position` that each row of the box was

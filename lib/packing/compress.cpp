@@ -54,8 +54,8 @@ struct Window {
 Window coordination_window(const CompressSettings& s, std::int64_t particles) {
     const double tolerance =
         s.coordination_tolerance.value_or(std::max(0.1, 3.6 / std::sqrt(static_cast<double>(particles))));
-    const bool published = s.sizes.radius_min_ratio == 1 &&
-                           std::abs(s.sizes.solid_volume_fraction - published_fraction) <= published_range;
+    const bool published =
+        all_equal(s.sizes) && std::abs(s.sizes.solid_volume_fraction - published_fraction) <= published_range;
     if (!s.coordination_number && !published)
         return {5.0, 100.0};
     const double aim = s.coordination_number.value_or(aimed_coordination_number(particles));
@@ -64,11 +64,11 @@ Window coordination_window(const CompressSettings& s, std::int64_t particles) {
 
 /// Measured to meet the published coordination numbers; grains of many sizes jam denser by themselves.
 double default_overcompression(const GrainSizes& sizes) {
-    return sizes.radius_min_ratio < 1 ? 0.004 : 0.013;
+    return all_equal(sizes) ? 0.013 : 0.004;
 }
 
 double default_unbalanced_force(std::int64_t particles) {
-    return particles > 30000 ? 9e-4 : 5e-4;
+    return particles > 30000 ? 3e-4 : 1e-4;
 }
 
 /// One box being made: the spheres and what is written down on the way.

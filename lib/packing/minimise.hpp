@@ -8,7 +8,7 @@
 namespace talus::packing {
 
 struct MinimiseLimits {
-    double unbalanced_force = 5e-4; ///< stop below: mean net force of grains in contact / mean contact force
+    double unbalanced_force = 1e-4; ///< stop below: mean net force of grains in contact / mean contact force
     double unjammed_overlap = 1e-7; ///< stop below: mean overlap / mean diameter; nothing holds the grains
     std::int64_t iterations = 200000; ///< stop after
 };

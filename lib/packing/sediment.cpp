@@ -45,6 +45,8 @@ void check(const SedimentSettings& s) {
     positive("sediment.compression_speed", s.compression_speed);
     positive("sediment.cut_plane", s.cut_plane);
     positive("sediment.round_time", s.round_time);
+    if (!(s.stroke >= 0 && s.stroke < 100))
+        refuse(fmt::format("sediment.stroke: found {}, expected 0 to 100", s.stroke));
     positive("sediment.saturation", s.saturation);
     positive("sediment.unbalanced_force", s.unbalanced_force);
     positive("sediment.kinetic_ratio", s.kinetic_ratio);
@@ -103,7 +105,12 @@ private:
     engine::Scene scene(const Box& box) const;
     Bed settle();
     void cut(const Bed& sediment);
+    void press(double way, std::vector<Role>& role, double begin, double end);
     void compress();
+    void shift_origin(double by);
+    Box open_column() const {
+        return {{0, 0, -length_}, {length_, length_, 2 * length_}, {true, true, false}};
+    }
     void homogenise();
     bool relax();
     bool minimise_energy();
@@ -281,8 +288,13 @@ std::unique_ptr<engine::Simulation> Route::start(const engine::Scene& scene, std
         between_held_ = {};
         for (std::size_t c = 0; c < bed_.contacts.size(); ++c) {
             const auto [i, j] = bed_.contacts.pair[c];
-            const bool both = role[static_cast<std::size_t>(i)] == Role::held &&
-                              role[static_cast<std::size_t>(j)] == Role::held;
+            const auto a = static_cast<std::size_t>(i), b = static_cast<std::size_t>(j);
+            const bool both = role[a] != Role::free && role[b] != Role::free &&
+                              !(role[a] == Role::pushed && role[b] == Role::pushed);
+            const auto& image = bed_.contacts.image[c];
+            const Vec3 shift{image[0] * length_, image[1] * length_, image[2] * length_};
+            if (!both && norm(bed_.position[b] + shift - bed_.position[a]) >= bed_.radius[a] + bed_.radius[b])
+                continue; // parted as the layer was drawn back
             ContactTable& to = both ? between_held_ : live;
             to.pair.push_back(bed_.contacts.pair[c]);
             to.image.push_back(bed_.contacts.image[c]);
@@ -452,41 +464,64 @@ void Route::cut(const Bed& sediment) {
     }
 }
 
-/// Step 3: pushes the layer up until it spans [0, beta r).
-void Route::compress() {
-    stage_ = SedimentStage::compress;
-    const double thickness = s_.beta * r_, way = (result_.gamma + 1) * r_;
-    const Box box{{0, 0, -length_}, {length_, length_, 2 * length_}, {true, true, false}};
-    std::vector<Role> role(bed_.size(), Role::free);
+/// Pushes the bottom layer up by `way` towards the top layer, which is held. Both are as thick as beta says.
+void Route::press(double way, std::vector<Role>& role, double begin, double end) {
+    const Box box = open_column();
+    role.assign(bed_.size(), Role::free);
     for (std::size_t i = 0; i < bed_.size(); ++i)
-        role[i] = layer_[i]                                   ? Role::pushed
-                  : bed_.position[i].z >= length_ - thickness ? Role::held
-                                                              : Role::free;
-    show("cut", role, box);
+        role[i] = layer_[i]                                      ? Role::pushed
+                  : bed_.position[i].z >= length_ - s_.beta * r_ ? Role::held
+                                                                 : Role::free;
+    if (!(way > 0))
+        return;
     damping_ = 0;
-    const engine::Scene press = scene(box);
     const std::vector<Vec3> before = bed_.position;
-    if (way > 0) {
-        const double dt = time_step_;
-        const auto steps =
-            static_cast<std::int64_t>(std::ceil(way / (s_.compression_speed * length_ / fall_ * dt)));
-        const auto running = start(press, role, way / (static_cast<double>(steps) * dt));
-        engine::Simulation& simulation = *running;
-        const std::int64_t interval = std::max<std::int64_t>(1, steps / 20);
-        for (std::int64_t step = 1; step <= steps; ++step) {
-            simulation.step();
-            if (step % interval == 0 || step == steps)
-                write_down(simulation, role, box,
-                           0.5 + 0.2 * static_cast<double>(step) / static_cast<double>(steps));
-        }
-        take(simulation);
+    const auto steps =
+        static_cast<std::int64_t>(std::ceil(way / (s_.compression_speed * length_ / fall_ * time_step_)));
+    const auto running = start(scene(box), role, way / (static_cast<double>(steps) * time_step_));
+    engine::Simulation& simulation = *running;
+    const std::int64_t interval = std::max<std::int64_t>(1, steps / 20);
+    for (std::int64_t step = 1; step <= steps; ++step) {
+        simulation.step();
+        if (step % interval == 0 || step == steps)
+            write_down(simulation, role, box,
+                       begin + (end - begin) * static_cast<double>(step) / static_cast<double>(steps));
     }
+    take(simulation);
     for (std::size_t i = 0; i < bed_.size(); ++i)
         if (role[i] == Role::pushed) { // to the bit where its image stands above the top
             bed_.position[i] = before[i] + Vec3{0, 0, way};
             bed_.velocity[i] = bed_.angular_velocity[i] = {};
         }
-    show("compressed", role, box);
+}
+
+/// Step 3: until the layer spans [0, beta r).
+void Route::compress() {
+    stage_ = SedimentStage::compress;
+    std::vector<Role> role;
+    if (stages_) {
+        press(0, role, 0, 0);
+        show("cut", role, open_column());
+    }
+    press((result_.gamma + 1) * r_, role, 0.5, 0.65);
+    show("compressed", role, open_column());
+}
+
+/// Moves the origin up by `by` along z, in a cell periodic there; contacts keep who they are.
+void Route::shift_origin(double by) {
+    std::vector<std::int8_t> wrapped(bed_.size());
+    for (std::size_t i = 0; i < bed_.size(); ++i) {
+        double& z = bed_.position[i].z;
+        z -= by;
+        wrapped[i] = static_cast<std::int8_t>(std::floor(z / length_));
+        z -= wrapped[i] * length_;
+    }
+    for (std::size_t c = 0; c < bed_.contacts.size(); ++c) {
+        const auto [i, j] = bed_.contacts.pair[c];
+        bed_.contacts.image[c][2] =
+            static_cast<std::int8_t>(bed_.contacts.image[c][2] + wrapped[static_cast<std::size_t>(j)] -
+                                     wrapped[static_cast<std::size_t>(i)]);
+    }
 }
 
 /// Runs until what may move is in balance, at most for `limit` seconds; whether it is.
@@ -516,25 +551,27 @@ void Route::homogenise() {
     for (Vec3& x : bed_.position)
         x = box.wrap(x);
     append(bed_.contacts, seam_);
-    const engine::Scene relaxing = scene(box);
-    damping_ = s_.relax_damping / fall_;
     std::vector<Role> role(bed_.size());
     for (round_ = 1; round_ <= s_.homogenise_rounds; ++round_) {
-        const double plane = std::fmod(static_cast<double>(round_) * s_.cut_plane, 1.0) * length_;
+        const auto part = [this](double rounds) {
+            return 0.65 + 0.25 * rounds / static_cast<double>(s_.homogenise_rounds);
+        };
+        const auto done = static_cast<double>(round_ - 1);
+        shift_origin(s_.cut_plane * length_);
         for (std::size_t i = 0; i < bed_.size(); ++i) {
-            const double away = std::abs(bed_.position[i].z - plane);
-            role[i] = std::min(away, length_ - away) < s_.beta * r_ ? Role::held : Role::free;
-            if (role[i] == Role::held)
-                bed_.velocity[i] = bed_.angular_velocity[i] = {};
+            layer_[i] = bed_.position[i].z < s_.beta * r_;
+            if (layer_[i])
+                bed_.position[i].z -= s_.stroke * r_;
         }
-        const auto running = start(relaxing, role);
+        press(s_.stroke * r_, role, part(done), part(done + 0.5));
+        for (Role& r : role)
+            if (r == Role::pushed)
+                r = Role::held;
+        damping_ = s_.relax_damping / fall_;
+        const auto running = start(scene(box), role);
         engine::Simulation& simulation = *running;
         simulation.set_viscous_damping(damping_);
-        const auto part = [this](std::int64_t round) {
-            return 0.7 + 0.2 * std::min(1.0, static_cast<double>(round) /
-                                                 static_cast<double>(s_.homogenise_rounds));
-        };
-        run_until_rest(simulation, role, box, time_unit(s_.round_time), part(round_ - 1), part(round_));
+        run_until_rest(simulation, role, box, time_unit(s_.round_time), part(done + 0.5), part(done + 1));
         take(simulation);
     }
     round_ = s_.homogenise_rounds;
@@ -670,8 +707,7 @@ SedimentForecast forecast(const SedimentSettings& settings, int threads) {
     out.sediment_particles = static_cast<std::int64_t>(bed);
     const double fall = std::sqrt(settings.sizes.box_length / settings.gravity);
     const double fraction = settings.step_fraction;
-    out.time_step = fraction * contact::rayleigh_time(settings.sizes.radius * settings.sizes.radius_min_ratio,
-                                                      settings.material);
+    out.time_step = fraction * contact::rayleigh_time(smallest_radius(settings.sizes), settings.material);
     // Measured: some 10 falls of sediment and 5 of the rest; 60 ns a grain, step and thread; 800 bytes a
     // grain.
     const double steps = fall / out.time_step;

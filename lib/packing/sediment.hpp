@@ -35,12 +35,13 @@ struct SedimentSettings {
     std::optional<double> gamma;     ///< of r. Empty: what makes the number of grains right
     double compression_speed = 0.03; ///< L per fall, of the bottom layer
 
-    double cut_plane = 0.8;             ///< of L: each new cut above the last
+    double stroke = 0;      ///< of r: by how much each new bottom layer is drawn back and pushed up again
+    double cut_plane = 0.8; ///< of L: each new cut above the last
     std::int64_t homogenise_rounds = 5; ///< after four every grain was away from a cut
     double round_time = 0.5;            ///< falls, each round at most
     double saturation = 1e-3;           ///< change of the total overlap in 1/20 fall, at the end
     double relax_damping = 10;          ///< per fall
-    double unbalanced_force = 5e-4;     ///< at the end: mean net force / mean contact force
+    double unbalanced_force = 1e-4;     ///< at the end: mean net force / mean contact force
     double kinetic_ratio = 1e-6;        ///< at the end: kinetic over elastic energy
     double relax_limit = 20;            ///< falls after which a box that moves is given up
     double step_fraction = 0.2;         ///< of the Rayleigh time

@@ -24,11 +24,12 @@ inline double nearest_image(double d) {
 
 } // namespace
 
-SoftSpheres::SoftSpheres(std::span<const Vec3> position, std::span<const double> radius, ThreadTeam& team)
-    : team_(team), spheres_(position.size()), force_(position.size()), velocity_(position.size()),
-      built_at_(position.size()), block_sums_((position.size() + block - 1) / block),
-      block_value_(block_sums_.size()), lists_(static_cast<std::size_t>(team.size())),
-      list_end_(position.size()) {
+SoftSpheres::SoftSpheres(std::span<const Vec3> position, std::span<const double> radius, ThreadTeam& team,
+                         std::size_t mobile)
+    : team_(team), mobile_(std::min(mobile, position.size())), spheres_(position.size()),
+      force_(position.size()), velocity_(position.size()), built_at_(position.size()),
+      block_sums_((mobile_ + block - 1) / block), block_value_(block_sums_.size()),
+      lists_(static_cast<std::size_t>(team.size())), list_end_(mobile_) {
     double sum = 0, smallest = std::numeric_limits<double>::infinity();
     for (std::size_t i = 0; i < size(); ++i) {
         spheres_[i] = {position[i].x, position[i].y, position[i].z, radius[i]};
@@ -80,7 +81,7 @@ double SoftSpheres::pairs_per_particle() const {
     std::size_t entries = 0;
     for (const auto& list : lists_)
         entries += list.size();
-    return 0.5 * static_cast<double>(entries) / static_cast<double>(std::max<std::size_t>(1, size()));
+    return 0.5 * static_cast<double>(entries) / static_cast<double>(std::max<std::size_t>(1, mobile_));
 }
 
 void SoftSpheres::rebuild_list() {
@@ -110,7 +111,7 @@ void SoftSpheres::rebuild_list() {
     for (auto& list : lists_)
         list.clear();
     team_.for_range(
-        size(),
+        mobile_,
         [&](std::size_t begin, std::size_t end, int thread) {
             auto& list = lists_[static_cast<std::size_t>(thread)];
             // Fewer than three cells along an edge: take each neighbouring cell once.
@@ -154,7 +155,7 @@ void SoftSpheres::rebuild_list() {
 template <class Body>
 void SoftSpheres::for_blocks(Body&& body) {
     team_.for_range(
-        size(),
+        mobile_,
         [&](std::size_t begin, std::size_t end, int thread) {
             const std::uint32_t* list = lists_[static_cast<std::size_t>(thread)].data();
             for (std::size_t first = begin; first < end; first += block)
@@ -165,7 +166,7 @@ void SoftSpheres::for_blocks(Body&& body) {
 }
 
 ContactSums SoftSpheres::compute_forces() {
-    if (size() == 0)
+    if (mobile_ == 0)
         return {};
     if (!list_holds())
         rebuild_list();

@@ -46,12 +46,16 @@ class SoftSpheres {
 public:
     /// @param position [N] in units of the box edge, any image
     /// @param radius   [N] in units of the box edge; the largest must be below `largest_radius`
-    SoftSpheres(std::span<const Vec3> position, std::span<const double> radius, ThreadTeam& team);
+    /// @param mobile   how many move: the rows from there on are frozen. All sums then run over those that
+    ///                 move, in which a contact with a frozen grain counts half
+    SoftSpheres(std::span<const Vec3> position, std::span<const double> radius, ThreadTeam& team,
+                std::size_t mobile = std::numeric_limits<std::size_t>::max());
 
     /// With larger spheres a pair could touch through two images at once.
     static constexpr double largest_radius = 0.2;
 
     std::size_t size() const { return spheres_.size(); }
+    std::size_t mobile() const { return mobile_; }
     Vec3 position(std::size_t i) const { return {spheres_[i].x, spheres_[i].y, spheres_[i].z}; }
     double radius(std::size_t i) const { return spheres_[i].r; }
     Vec3 force(std::size_t i) const { return force_[i]; }
@@ -85,12 +89,13 @@ private:
     bool list_holds() const { return moved_ + grown_ < 0.5 * skin_; }
 
     ThreadTeam& team_;
+    std::size_t mobile_;
     std::vector<Sphere> spheres_;
     std::vector<Vec3> force_, velocity_, built_at_;
     std::vector<ContactSums> block_sums_;
     std::vector<double> block_value_;
     std::vector<std::vector<std::uint32_t>> lists_; ///< one per thread, for its range of particles
-    std::vector<std::size_t> list_end_;             ///< [N], in the thread's list
+    std::vector<std::size_t> list_end_;             ///< [mobile], in the thread's list
     double mean_diameter_ = 0, largest_ = 0;
     bool mono_ = true;
     double skin_ = 0, skin_unit_ = 0;

@@ -2,6 +2,7 @@
 #include "tiling/expand.hpp"
 
 #include "base/error.hpp"
+#include "particles/seams.hpp"
 #include "tiling/lattice.hpp"
 
 #include <algorithm>
@@ -42,6 +43,8 @@ Expander::Expander(const TiledModel& model) : model_(model) {
         if (box.length != model.boxes.front().length)
             refuse("its boxes have different lengths");
         contacts_.push_back(both_ways(box));
+        // Boxes that fit each other's faces hold each other's contacts across them, row by row.
+        seamless_ = seamless_ && (&box == &model.boxes.front() || !seam_difference(model.boxes.front(), box));
     }
     check_and_index();
 }
@@ -161,7 +164,7 @@ Expander::Neighbourhood Expander::neighbourhood(std::size_t tile) const {
                     by_index_.begin(), by_index_.end(), index,
                     [this](std::uint32_t t, const auto& i) { return model_.tiles[t].index < i; });
                 const bool there = found != by_index_.end() && model_.tiles[*found].index == index &&
-                                   model_.tiles[*found].box == model_.tiles[tile].box;
+                                   (seamless_ || model_.tiles[*found].box == model_.tiles[tile].box);
                 result[neighbour_number(dx, dy, dz)] = there ? *found : no_tile;
             }
     return result;

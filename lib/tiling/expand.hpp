@@ -37,7 +37,8 @@ public:
 
     /// Particles of the tiles [first_tile, last_tile) in the model's order. Contacts are those whose first
     /// (lower) particle is among them; they carry the numbers of the whole model, i < j, sorted, image 0,
-    /// overlap scaled. A contact across tiles of different boxes is not known beforehand and is left out.
+    /// overlap scaled. A contact across tiles of different boxes is known where all boxes fit together
+    /// (variants, see seam_difference()), else it is left out.
     Grains tiles(std::size_t first_tile, std::size_t last_tile, ContactsWanted wanted,
                  ThreadTeam& team) const;
 
@@ -62,6 +63,7 @@ private:
     void for_each_contact(std::size_t tile, ContactsWanted wanted, Visit&& visit) const;
 
     const TiledModel& model_;
+    bool seamless_ = true;                  ///< any box may stand beside any other
     std::vector<BoxContacts> contacts_;     // by box
     std::vector<std::uint64_t> mask_start_; // [tiles], first byte of a cut tile's mask
     std::vector<std::uint64_t> rank_start_; // [tiles], first entry of a cut tile's ranks

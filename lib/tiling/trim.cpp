@@ -4,6 +4,7 @@
 #include "base/error.hpp"
 #include "tiling/box_blocks.hpp"
 #include "tiling/lattice.hpp"
+#include "tiling/variant_draw.hpp"
 
 #include <algorithm>
 #include <array>
@@ -50,8 +51,8 @@ struct Sampling {
 
 class Walk {
 public:
-    Walk(const PgBox& box, double scale, const Region& region)
-        : box_(box), scale_(scale), edge_(box.length * scale), region_(region), blocks_(box) {
+    Walk(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region)
+        : boxes_(boxes), seed_(seed), scale_(scale), edge_(boxes.front().length * scale), region_(region) {
         const Box bounds = region.bounds();
         for (int k = 0; k < 3; ++k) {
             const double first = std::floor(bounds.lower[k] / edge_),
@@ -66,10 +67,14 @@ public:
             count_[static_cast<std::size_t>(k)] =
                 std::max<std::int64_t>(1, static_cast<std::int64_t>(last - first));
         }
-        grain_volume_.reserve(box.size());
-        for (double r : box.radius) {
-            grain_volume_.push_back(sphere_volume(r * scale));
-            tile_volume_ += grain_volume_.back();
+        variants_.reserve(boxes.size());
+        for (const PgBox& box : boxes) {
+            Variant& variant = variants_.emplace_back(Variant{box, BoxBlocks(box), {}, 0});
+            variant.grain_volume.reserve(box.size());
+            for (double r : box.radius) {
+                variant.grain_volume.push_back(sphere_volume(r * scale));
+                variant.tile_volume += variant.grain_volume.back();
+            }
         }
     }
 
@@ -98,30 +103,42 @@ public:
     }
 
 private:
+    /// A box and what the walk needs of it.
+    struct Variant {
+        const PgBox& box;
+        BoxBlocks blocks;
+        std::vector<double> grain_volume; ///< m3, scaled
+        double tile_volume;
+    };
+
     void visit(const std::array<std::int32_t, 3>& index, const Sampling& sampling, Column& column) const {
         const Vec3 corner = tile_corner(index, edge_);
         const Vec3 far = corner + Vec3{edge_, edge_, edge_};
+        const std::size_t drawn = draw_variant(index, seed_, boxes_.size());
+        const Variant& variant = variants_[drawn];
+        const std::size_t grains = variant.box.size();
         ++column.counts.tiles_visited;
         const Cover cover = region_.cover(corner, far);
         if (cover == Cover::outside)
             return;
         if (cover == Cover::plain) {
             ++column.counts.tiles_full;
-            column.counts.particle_count += box_.size();
-            column.counts.kept_volume += tile_volume_;
+            column.counts.particle_count += grains;
+            column.counts.kept_volume += variant.tile_volume;
             if (sampling.masks)
-                column.tiles.push_back(
-                    {index, 0, TileClass::full, static_cast<std::uint32_t>(box_.size()), 0});
+                column.tiles.push_back({index, static_cast<std::uint8_t>(drawn), TileClass::full,
+                                        static_cast<std::uint32_t>(grains), 0});
             return;
         }
         ++column.counts.tiles_cut;
         if (sampling.look_inside)
-            look_inside(index, corner, cover, sampling, column);
+            look_inside(index, drawn, corner, cover, sampling, column);
     }
 
-    void look_inside(const std::array<std::int32_t, 3>& index, const Vec3& corner, Cover tile_cover,
-                     const Sampling& sampling, Column& column) const {
-        const std::size_t bytes = mask_bytes(box_.size());
+    void look_inside(const std::array<std::int32_t, 3>& index, std::size_t drawn, const Vec3& corner,
+                     Cover tile_cover, const Sampling& sampling, Column& column) const {
+        const auto& [box, blocks, grain_volume, tile_volume] = variants_[drawn];
+        const std::size_t bytes = mask_bytes(box.size());
         const std::size_t at = column.kept_mask.size();
         if (sampling.masks) {
             column.kept_mask.resize(at + bytes, 0);
@@ -135,7 +152,7 @@ private:
             if (mark == Mark::outside)
                 return;
             counts.particle_count += weight;
-            volume += grain_volume_[row] * static_cast<double>(weight);
+            volume += grain_volume[row] * static_cast<double>(weight);
             counts.fixed_count += mark == Mark::fixed ? weight : 0;
             counts.release_count += mark == Mark::released ? weight : 0;
             if (!sampling.masks)
@@ -146,15 +163,15 @@ private:
             if (mark == Mark::released)
                 set_mask_bit(column.release_mask.data() + at, row);
         };
-        for (std::size_t block = 0; block < blocks_.size(); ++block) {
-            const auto rows = blocks_.rows(block);
+        for (std::size_t block = 0; block < blocks.size(); ++block) {
+            const auto rows = blocks.rows(block);
             if (rows.empty())
                 continue;
             Cover cover = tile_cover;
             if (tile_cover == Cover::mixed) {
                 ++counts.blocks_tested;
-                cover = region_.cover(grain_position(corner, scale_, blocks_.lower(block)),
-                                      grain_position(corner, scale_, blocks_.upper(block)));
+                cover = region_.cover(grain_position(corner, scale_, blocks.lower(block)),
+                                      grain_position(corner, scale_, blocks.upper(block)));
             }
             if (cover == Cover::outside)
                 continue;
@@ -170,10 +187,10 @@ private:
                 if (sampling.stride > 1 && draw(index, row) % sampling.stride != 0)
                     continue;
                 ++counts.grains_tested;
-                keep(row,
-                     region_.mark(grain_position(corner, scale_, box_.position[row]),
-                                  box_.radius[row] * scale_),
-                     sampling.stride);
+                keep(
+                    row,
+                    region_.mark(grain_position(corner, scale_, box.position[row]), box.radius[row] * scale_),
+                    sampling.stride);
             }
         }
         counts.kept_volume += volume;
@@ -186,16 +203,16 @@ private:
             column.release_mask.resize(at);
             return;
         }
-        column.tiles.push_back({index, 0, TileClass::cut, static_cast<std::uint32_t>(kept), 0});
+        column.tiles.push_back(
+            {index, static_cast<std::uint8_t>(drawn), TileClass::cut, static_cast<std::uint32_t>(kept), 0});
     }
 
-    const PgBox& box_;
+    std::span<const PgBox> boxes_;
+    std::uint64_t seed_;
     double scale_, edge_;
     const Region& region_;
-    BoxBlocks blocks_;
+    std::vector<Variant> variants_;
     std::array<std::int64_t, 3> first_{}, count_{};
-    std::vector<double> grain_volume_;
-    double tile_volume_ = 0;
 };
 
 void add(TrimCounts& sum, const TrimCounts& part) {
@@ -253,14 +270,19 @@ double largest_radius(const PgBox& box) {
 }
 
 TrimResult trim(const PgBox& box, double scale, const Region& region, ThreadTeam& team) {
-    const Walk walk(box, scale, region);
+    return trim({&box, 1}, 0, scale, region, team);
+}
+
+TrimResult trim(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
+                ThreadTeam& team) {
+    const Walk walk(boxes, seed, scale, region);
     std::vector<Column> columns = walk_all(walk, {}, team);
     TrimResult result;
     result.counts = total(walk, columns);
     require_grains(result.counts.particle_count, walk.edge());
 
     TiledModel& model = result.model;
-    model.boxes.push_back(box);
+    model.boxes.assign(boxes.begin(), boxes.end());
     model.scale = scale;
     model.origin = region.origin();
     model.coordinate_system = region.coordinate_system();
@@ -287,7 +309,13 @@ TrimResult trim(const PgBox& box, double scale, const Region& region, ThreadTeam
 
 TrimForecast forecast(const PgBox& box, double scale, const Region& region, ThreadTeam& team,
                       std::uint64_t test_limit) {
-    const Walk walk(box, scale, region);
+    return forecast({&box, 1}, 0, scale, region, team, test_limit);
+}
+
+TrimForecast forecast(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
+                      ThreadTeam& team, std::uint64_t test_limit) {
+    const Walk walk(boxes, seed, scale, region);
+    const PgBox& box = boxes.front(); // all hold as many grains, and about as many contacts
     TrimForecast result;
     const TrimCounts tiles = total(walk, walk_all(walk, {false, false, 1}, team));
     const std::uint64_t most = tiles.tiles_cut * box.size();
@@ -298,7 +326,7 @@ TrimForecast forecast(const PgBox& box, double scale, const Region& region, Thre
     const TrimCounts& c = result.counts;
     result.cut_tiles_kept = c.tiles_cut;
     const std::uint64_t masks = 1 + (c.fixed_count > 0 ? 1 : 0) + (c.release_count > 0 ? 1 : 0);
-    const std::uint64_t box_bytes = box.size() * 32 + box.contacts.size() * 27;
+    const std::uint64_t box_bytes = boxes.size() * (box.size() * 32 + box.contacts.size() * 27);
     result.tiled_bytes = box_bytes + (c.tiles_full + c.tiles_cut) * sizeof(TiledModel::Tile) +
                          c.tiles_cut * masks * mask_bytes(box.size());
     const double contacts_per_grain =

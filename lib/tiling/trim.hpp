@@ -5,6 +5,7 @@
 #include "tiling/region.hpp"
 
 #include <cstdint>
+#include <span>
 
 namespace talus::tiling {
 
@@ -36,8 +37,11 @@ double largest_radius(const PgBox& box);
 ///
 /// Tiles are ordered by column (x fastest, then y), upwards within each. The result does not depend on the
 /// number of threads.
+/// @param boxes variants of one box, one of which is drawn for each tile (draw_variant); 1 to 255
 /// @param scale model metres per box metre
 /// @throws Error(configuration_invalid) for an empty result, or a model whose tile indices do not fit 32 bits
+TrimResult trim(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
+                ThreadTeam& team);
 TrimResult trim(const PgBox& box, double scale, const Region& region, ThreadTeam& team);
 
 /// What trim would give, without making it.
@@ -51,6 +55,8 @@ struct TrimForecast {
 };
 
 /// @param test_limit about how many grains may be tested
+TrimForecast forecast(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
+                      ThreadTeam& team, std::uint64_t test_limit = 2'000'000);
 TrimForecast forecast(const PgBox& box, double scale, const Region& region, ThreadTeam& team,
                       std::uint64_t test_limit = 2'000'000);
 

@@ -21,8 +21,8 @@ share    = $(shell n=$$(($(JOBS) / $(RANKS))); echo $$((n > 1 ? n : 1)))
 slide: $(box).stats.json $(box).stats.svg $(slide).json
 
 $(box).pgbox.h5: | $(bin)/pgbox-gen results/boxes
-	$(bin)/pgbox-gen --box-length 1 --radius 0.03 --radius-min-ratio 0.82 --friction 0 --solid-volume-fraction 0.64 \
-	    --route compress --seed $(SEED) -j $(JOBS) -o $@ --overwrite
+	pipelines/pgbox-cache $(bin)/pgbox-gen --box-length 1 --radius 0.03 --radius-min-ratio 0.82 --friction 0 \
+	    --solid-volume-fraction 0.64 --route compress --seed $(SEED) -j $(JOBS) -o $@ --overwrite
 
 $(box).stats.json $(box).stats.svg &: $(box).pgbox.h5 | $(bin)/pgbox-stats
 	$(bin)/pgbox-stats $< --plot $(box).stats.svg --overwrite --format json -o $(box).stats.json

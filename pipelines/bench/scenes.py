@@ -7,7 +7,8 @@ import pathlib
 import h5py
 import numpy as np
 
-from harness import Unavailable, note, run, without_paths
+import boxes
+from harness import Unavailable, note
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SETTLED = ROOT / "data-samples" / "settled-50k" / "settled-50k.csv.gz"
@@ -126,9 +127,7 @@ def periodic_box(out, folder, radius, times, threads):
     def make():
         if not box.exists():
             note(f"  packing a periodic box of radius {radius:g}")
-            done, _ = run([folder / "pgbox-gen", "--radius", radius, "--seed", 1, "-j", threads, "-q", "-o", box])
-            if not box.exists():
-                raise RuntimeError(f"pgbox-gen, exit {done.returncode}: {without_paths(done.stderr.strip())}")
+            boxes.box(folder, box, threads, route="compress", radius=radius, seed=1)
         packed = read_particles(box)
         corners = np.stack(np.meshgrid(*3 * [np.arange(times)], indexing="ij"), -1).reshape(-1, 3)
         return {"position": (corners[:, None, :] + packed["position"][None]).reshape(-1, 3),

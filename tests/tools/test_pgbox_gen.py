@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 
 from common_behaviour import CommonBehaviour
-from talus_tools import CONFIGURATION, QUALITY, USAGE, ToolTest, is_fletcher32, main
+from talus_tools import CONFIGURATION, INPUT, QUALITY, USAGE, ToolTest, is_fletcher32, main
 
 
 def contacts_by_hand(position, radius, length):
@@ -131,6 +131,39 @@ class PgboxGen(CommonBehaviour, ToolTest):
         for key in ("memory", "disk", "expected_wall_time"):
             self.assertGreater(got[key], 0)
 
+    def test_grading(self):
+        self.write("soil.csv", "# sieves\ndiameter,percent_finer\n1mm,0\n1.4mm,45\n2mm,100\n")
+        got = self.ok("pgbox-gen", "--radius", "10cm", "--grading", "soil.csv", "--solid-volume-fraction", 0.67, "-o",
+                      "box.h5", "--format", "json").json
+        with h5py.File(self.folder / "box.h5", "r") as file:
+            radius = np.sort(file["particles/all/radius"][:])
+            grading = file["granular/pgbox/grading"]
+            diameter, finer = grading["diameter"][:], grading["fraction_finer"][:]
+            self.assertEqual(grading["diameter"].attrs["unit"], b"m")
+            np.testing.assert_allclose(grading["asked/diameter"][:], [0.1, 0.14, 0.2])
+            np.testing.assert_array_equal(grading["asked/fraction_finer"][:], [0, 0.45, 1])
+            self.assertEqual(got["grading_distance"], file["granular/pgbox"].attrs["grading_distance"])
+        self.assertAlmostEqual(np.sum(4 / 3 * np.pi * radius**3), 0.67, delta=1e-9)
+        mass = np.cumsum(radius**3) / np.sum(radius**3)
+        np.testing.assert_allclose(finer, [mass[np.sum(2 * radius <= d) - 1] for d in diameter], atol=1e-12)
+        self.assertEqual((got["grading"]["diameter"], got["grading"]["fraction_finer"]), (list(diameter), list(finer)))
+        # Semi-logarithmic between the laboratory's points, as near as whole grains allow.
+        asked = np.interp(np.log(2 * radius), np.log([0.1, 0.14, 0.2]), [0, 0.45, 1])
+        self.assertLess(np.max(np.abs(mass - asked)), 0.01)
+        self.assertLess(got["grading_distance"], 0.01)
+
+    def test_gradings_that_are_refused(self):
+        self.write("soil.csv", "diameter,fraction_finer\n0.2mm,0\n2mm,1\n")
+        self.write("falls.csv", "diameter,fraction_finer\n1mm,0\n2mm,0.6\n3mm,0.5\n4mm,1\n")
+        before = self.files()
+        self.fails(INPUT, "pgbox-gen", "--grading", "falls.csv", "-o", "x.h5", names="falls.csv:4: fraction_finer")
+        self.fails(INPUT, "pgbox-gen", "--grading", "none.csv", "-o", "x.h5", names="none.csv")
+        self.fails(CONFIGURATION, "pgbox-gen", "--grading", "soil.csv", "--box-length", 1, "-o", "x.h5", names="grains")
+        self.fails(CONFIGURATION, "pgbox-gen", "--grading", "soil.csv", "--radius", 0.3, "-o", "x.h5", names="radius")
+        self.fails(USAGE, "pgbox-gen", "--grading", "soil.csv", "--radius-min-ratio", 0.5, "-o", "x.h5",
+                   names=["--radius-min-ratio", "grading"])
+        self.assertEqual(self.files(), before)
+
     def test_sediment_route(self):
         arguments = ["--route", "sediment", "--radius", 0.08, "--friction", 0.4, "--no-provenance"]
         got = self.ok("pgbox-gen", *arguments, "--keep-stages", "-o", "box.pgbox.h5", "--format", "json").json
@@ -176,6 +209,49 @@ class PgboxGen(CommonBehaviour, ToolTest):
             got = self.fails(QUALITY, "pgbox-gen", "--route", "sediment", "--radius", 0.09, "--friction", 0.4, *limits,
                              "--set", "sediment." + setting, "-o", "x.h5", names="not converged")
             self.assertIn(measure, got.err)
+        self.assertEqual(self.files(), [])
+
+    def test_compression_with_friction(self):
+        arguments = ["--radius", 0.08, "--friction", 0.4, "--no-provenance"]
+        got = self.ok("pgbox-gen", *arguments, "-o", "box.pgbox.h5", "--format", "json").json
+        self.assertAlmostEqual(got["solid_volume_fraction"], 0.64, delta=5e-4)
+        self.assertLess(got["unbalanced_force"], 1e-3)
+        self.assertTrue(5.5 < got["coordination_number"] < 6.5, got["coordination_number"])
+        stress = np.array([got["stress_" + axis] for axis in "xyz"])
+        self.assertAlmostEqual(np.max(np.abs(stress / stress.mean() - 1)), got["stress_deviation"], delta=1e-9)
+        self.assertLess(got["stress_deviation"], 0.3 / np.sqrt(got["particle_count"]))
+        with h5py.File(self.folder / "box.pgbox.h5", "r") as file:
+            position, length = file["particles/all/position"][:], file["particles/all/box/edges"][0]
+            radius = file["particles/all/radius"][:]
+            pairs, image = file["connectivity/contacts"][:], file["granular/contacts/image"][:]
+            displacement = file["granular/contacts/tangential_displacement"][:]
+            history = {key: column[:] for key, column in file["granular/pgbox/history"].items()}
+        # The stresses of normal and tangential forces, from the file alone.
+        branch = position[pairs[:, 1]] + length * image - position[pairs[:, 0]]
+        distance = np.linalg.norm(branch, axis=1)
+        overlap = radius[pairs].sum(axis=1) - distance
+        reduced = radius[pairs[:, 0]] * radius[pairs[:, 1]] / radius[pairs].sum(axis=1)
+        stiffness = 2 * 1e8 / (3 * (1 - 0.2**2)) * np.sqrt(reduced * overlap)
+        force = (stiffness * overlap / distance)[:, None] * branch + (
+            3 * (1 - 0.2) / (2 - 0.2) * stiffness)[:, None] * displacement
+        np.testing.assert_allclose((force * branch).sum(axis=0) / length**3, stress, rtol=3e-3)
+        self.assertTrue(np.all(np.diff(history["step"]) >= 0))
+        self.assertAlmostEqual(history["solid_volume_fraction"][-1], 0.64, delta=1e-9)
+        self.assertLess(history["cell_deviation"][-1], 1e-12)
+        self.ok("pgbox-gen", *arguments, "-j", 1, "-o", "again.h5")
+        with h5py.File(self.folder / "again.h5", "r") as file:
+            np.testing.assert_array_equal(file["particles/all/position"][:], position)
+
+    def test_compression_with_friction_that_falls_short(self):
+        for settings, measure in ((["servo.detours=0", "servo.stress_tolerance=1e-4"], "stress_deviation"),
+                                  (["servo.unbalanced_force=1e-12", "servo.relax_steps=1000"], "unbalanced_force"),
+                                  (["servo.compression_steps=200"], "solid_volume_fraction")):
+            sets = [part for setting in settings for part in ("--set", setting)]
+            got = self.fails(QUALITY, "pgbox-gen", "--radius", 0.09, "--friction", 0.4, *sets, "-o", "x.h5",
+                             names="not converged")
+            self.assertIn(measure, got.err)
+        self.fails(USAGE, "pgbox-gen", "--radius", 0.09, "--friction", 0.4, "--attempts", 3, "-o", "x.h5",
+                   names="attempts")
         self.assertEqual(self.files(), [])
 
 

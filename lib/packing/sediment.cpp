@@ -429,6 +429,22 @@ void Route::cut(const Bed& sediment) {
     const double gamma = s_.gamma.value_or(s_.beta - (cut_height - bottom) / r_);
     result_.gamma = gamma;
     result_.gamma_expected = (s_.sizes.solid_volume_fraction / result_.sediment_fraction - 1) * length_ / r_;
+
+    // Taken by place, sizes are a random draw: each grain gets the radius of its rank, so that the box has
+    // the distribution asked for; then all grow by one factor that meets the fraction.
+    std::vector<std::uint32_t> by_size;
+    for (std::size_t i = 0; i < sediment.size(); ++i)
+        if (taken[i] != Role::free)
+            by_size.push_back(static_cast<std::uint32_t>(i));
+    std::stable_sort(by_size.begin(), by_size.end(), [&](std::uint32_t a, std::uint32_t b) {
+        return sediment.radius[a] < sediment.radius[b];
+    });
+    std::vector<double> radius(sediment.size());
+    volume = 0;
+    for (std::size_t rank = 0; rank < by_size.size(); ++rank) {
+        radius[by_size[rank]] = drawn_.radius[(2 * rank + 1) * drawn_.radius.size() / (2 * by_size.size())];
+        volume += sphere_volume(radius[by_size[rank]]);
+    }
     const double factor = std::cbrt(wanted / volume);
     result_.last_strain = std::abs(factor - 1) < 1e-12 ? 0 : factor - 1;
 
@@ -443,7 +459,7 @@ void Route::cut(const Bed& sediment) {
         Vec3 x = sediment.position[i];
         x.z -= layer ? top + (gamma + 1) * r_ : bottom;
         bed_.position.push_back(x);
-        bed_.radius.push_back(sediment.radius[i] * factor);
+        bed_.radius.push_back(radius[i] * factor);
         layer_.push_back(layer);
     }
     bed_.velocity.assign(bed_.size(), {});

@@ -88,11 +88,11 @@ using StageObserver = std::function<void(const std::string& name, const Grains& 
 ///
 /// The cut is made so that the slab and the layer under it together hold as many grains as the target asks
 /// for: gamma follows from that, and with equal grains the fraction is met exactly. Grains of different sizes
-/// are taken up to the volume wanted, and all radii multiplied by one factor that makes up for the last
-/// grain. Homogenising and the last relaxation are done in a cell periodic in z as well, in which the layers
-/// on both sides of the cut are held: the same as moving what lies above it below, without moving it. The
-/// last relaxation holds nobody. Frictionless grains then go on to the minimum of their energy (see
-/// minimise()).
+/// are taken up to the volume wanted, given the radius of their rank in the distribution asked for, and
+/// multiplied by the one factor that makes up for the rest. In each round of homogenising what lies above the
+/// cut plane moves below the rest and is held there, like what lies just below the plane; the old seam is
+/// then inside and relaxes. The last relaxation, in a cell periodic in z as well, holds nobody; frictionless
+/// grains then go on to the minimum of their energy (see minimise()).
 /// @throws Error(configuration_invalid) for settings that cannot be met
 SedimentResult sediment(const SedimentSettings& settings, ThreadTeam& team,
                         const SedimentObserver& observer = {}, const StageObserver& stages = {});

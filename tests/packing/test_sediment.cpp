@@ -5,6 +5,7 @@
 #include "engine/simulation.hpp"
 #include "packing/cloud.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <gtest/gtest.h>
 #include <map>
@@ -133,6 +134,21 @@ TEST(Sediment, SameBitsAtAnyNumberOfThreads) {
         settings.seed = 4;
         EXPECT_NE(sediment(settings, one).box.position, a.box.position);
     }
+}
+
+TEST(Sediment, SizesAreThoseAskedForAndStrokesKeepEverybody) {
+    SedimentSettings settings = coarse(0.4);
+    settings.sizes.radius_min_ratio = 0.6;
+    settings.stroke = 1;
+    ThreadTeam team(2);
+    const SedimentResult made = sediment(settings, team);
+    ASSERT_TRUE(made.converged) << made.failure;
+    std::vector<double> radius = made.box.radius;
+    std::sort(radius.begin(), radius.end());
+    const double n = static_cast<double>(radius.size()), largest = 0.08 * made.radius_factor;
+    for (std::size_t k = 0; k < radius.size(); ++k) // uniform between 0.6 and 1 of the largest
+        EXPECT_NEAR(radius[k] / largest, 0.6 + 0.4 * (static_cast<double>(k) + 0.5) / n, 2 / n);
+    EXPECT_LT(unbalanced(made.box, settings.material, true), 1e-3);
 }
 
 TEST(Sediment, StagesAreWhatTheArticleDescribes) {

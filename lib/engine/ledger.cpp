@@ -32,15 +32,20 @@ void Simulation::add_viscous_power() {
     const ParticleColumns& p = particles_;
     ExactSum& power = integrals_[viscous_power].last;
     power.reset();
-    for (std::size_t row = 0; row < p.owned; ++row) {
-        if (p.species[row] == Species::fixed)
-            continue;
-        const Vec3 v = p.bodies[row].velocity.vec() + p.bodies[row].half_kick.velocity();
-        const Vec3 w =
-            p.bodies[row].angular_velocity.vec() + p.bodies[row].half_kick.spin() / p.bodies[row].position.w;
-        power.add(viscous_damping_ *
-                  (p.bodies[row].velocity.w * norm2(v) + p.bodies[row].angular_velocity.w * norm2(w)));
-    }
+    std::vector<ExactSum> parts(static_cast<std::size_t>(team_.size()), power);
+    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
+        ExactSum& part = parts[static_cast<std::size_t>(thread)];
+        for (std::size_t row = begin; row < end; ++row) {
+            if (p.species[row] == Species::fixed)
+                continue;
+            const Body& body = p.bodies[row];
+            const Vec3 v = body.velocity.vec() + body.half_kick.velocity();
+            const Vec3 w = body.angular_velocity.vec() + body.half_kick.spin() / body.position.w;
+            part.add(viscous_damping_ * (body.velocity.w * norm2(v) + body.angular_velocity.w * norm2(w)));
+        }
+    });
+    for (const ExactSum& part : parts)
+        power.add(part);
 }
 
 /// Adds this step's powers to the integrals; all sums are exact, so their order does not matter.
@@ -171,6 +176,16 @@ RestState Simulation::rest_state() const {
         contacts > 0 ? (sums[3].value() + sums[1].value()) / static_cast<double>(contacts) : 0;
     rest.unbalanced_force = mean_net == 0 ? 0 : (mean_contact > 0 ? mean_net / mean_contact : 1e300);
     return rest;
+}
+
+std::array<Vec3, 3> Simulation::contact_stress() const {
+    evaluated();
+    std::vector<ExactSum> sums(virial_.begin(), virial_.end());
+    world_.sum(sums);
+    const double volume = images_.box().volume();
+    const auto stress = [&](std::size_t k) { return sums[k].value() / volume; };
+    return {Vec3{stress(0), stress(5), stress(4)}, Vec3{stress(5), stress(1), stress(3)},
+            Vec3{stress(4), stress(3), stress(2)}};
 }
 
 bool Simulation::at_rest(const RestState& rest) const {

@@ -47,9 +47,26 @@ double wall_seconds() {
 
 } // namespace
 
+/// Displacement since the outer list was made; where space is stretched, of what the particle's position was
+/// in the box of then.
 Vec3 Simulation::moved_since_listed(std::size_t row) const {
     const std::array<float, 3>& from = listed_[row];
-    return particles_.bodies[row].position.vec() - listed_origin_ - Vec3{from[0], from[1], from[2]};
+    Vec3 x = particles_.bodies[row].position.vec();
+    if (straining_) {
+        const Vec3 &lower = images_.box().lower, d = x - lower, &f = strain_since_rebuild_;
+        x = lower + Vec3{d.x / f.x, d.y / f.y, d.z / f.z};
+    }
+    return x - listed_origin_ - Vec3{from[0], from[1], from[2]};
+}
+
+/// By how much lengths of the box as it was must have been longer than the same lengths now, at most.
+double Simulation::shortened(const Vec3& factor) {
+    return 1 / std::min({factor.x, factor.y, factor.z, 1.0}) - 1;
+}
+
+/// Half of the longest pair that may touch or hold, m.
+double Simulation::half_reach() const {
+    return largest_radius_ * reach_factor_ + 0.5 * bond_reach_;
 }
 
 /// Displacement since the outer list was made, less what the local motion would have made of it.
@@ -94,9 +111,10 @@ void Simulation::set_shares() {
     const ParticleColumns& p = particles_;
     const double dt = share_steps * time_step_.step;
     share_.resize(p.known());
-    std::vector<double> use(static_cast<std::size_t>(team_.size()));
+    const auto threads = static_cast<std::size_t>(team_.size());
+    std::vector<double> use(threads), least(threads, std::numeric_limits<double>::infinity());
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
-        double largest = 0;
+        double largest = 0, smallest = std::numeric_limits<double>::infinity();
         for (std::size_t row = begin; row < end; ++row) {
             const search::LocalMotion::Cell cell = motion_.of(row);
             const bool fixed = p.species[row] == Species::fixed;
@@ -106,10 +124,13 @@ void Simulation::set_shares() {
                 static_cast<float>(std::min(largest_share * outer_share_[row], close_skin_ + dt * speed));
             if (share_[row] > 0) // fixed ones are not looked at in every step
                 largest = std::max(largest, (fixed ? speed : double{cell.shear}) / share_[row]);
+            smallest = std::min(smallest, double{share_[row]});
         }
         use[static_cast<std::size_t>(thread)] = largest;
+        least[static_cast<std::size_t>(thread)] = smallest;
     });
     shear_use_ = *std::max_element(use.begin(), use.end());
+    least_share_ = *std::min_element(least.begin(), least.end());
     used_ = 0;
     if (!world_.alone())
         halo_.fill(p, share_);
@@ -121,6 +142,12 @@ Simulation::Displacement Simulation::largest_displacement() {
     std::vector<Displacement> parts(threads);
     const double since = static_cast<double>(step_ - last_rebuild_) * time_step_.step,
                  since_refresh = static_cast<double>(step_ - last_refresh_) * time_step_.step;
+    // A pair that touches now was longer by so much in the box of then; each particle pays for half of it.
+    const Vec3 &f = strain_since_rebuild_, &g = strain_since_refresh_;
+    const double outer_shortened = shortened(f), close_shortened = shortened(g);
+    // Displacements are in the box of when the outer list was made, those since the close list in its box.
+    const double stretched = std::max({f.x / g.x, f.y / g.y, f.z / g.z});
+    const double outer_strain = outer_shortened * half_reach(), strain = close_shortened * half_reach();
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int thread) {
         Displacement& largest = parts[static_cast<std::size_t>(thread)];
         for (std::size_t row = begin; row < end; ++row) {
@@ -130,12 +157,12 @@ Simulation::Displacement Simulation::largest_displacement() {
             const search::LocalMotion::Cell cell = motion_.of(row);
             const Vec3 against = moved - since * cell.velocity();
             const std::array<float, 3>& before = refreshed_[row];
-            largest.outer = std::max(largest.outer,
-                                     (norm(against) + since * cell.shear + listed_rounding_ + share_[row]) /
-                                         outer_share_[row]);
-            largest.used = std::max(largest.used, (norm(against - Vec3{before[0], before[1], before[2]}) +
-                                                   since_refresh * cell.shear) /
-                                                      share_[row]);
+            largest.outer = std::max(largest.outer, (norm(against) + since * cell.shear + listed_rounding_ +
+                                                     outer_strain + (1 + outer_shortened) * share_[row]) /
+                                                        outer_share_[row]);
+            const double since_close = norm(against - Vec3{before[0], before[1], before[2]});
+            largest.used = std::max(
+                largest.used, (stretched * since_close + since_refresh * cell.shear + strain) / share_[row]);
             largest.walls = std::max(largest.walls, walls_.approach(moved));
         }
     });
@@ -263,7 +290,7 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
     const bool moves =
         motion_.build(p, images_.box(), touch + 2 * largest_outer_share(), 2 * largest_outer_share(),
                       slow * close_skin_ / (share_steps * time_step_.step), team_);
-    if (world_.any(moves))
+    if (world_.any(moves && !straining_)) // a cell's velocity would not stay what it is
         share_motion();
     else
         motion_.set_still();
@@ -318,6 +345,7 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
             listed_[row] = {static_cast<float>(x.x), static_cast<float>(x.y), static_cast<float>(x.z)};
         }
     });
+    strain_since_rebuild_ = {1, 1, 1};
     walls_.rebuild(p, wall_skin_, order);
     give_walls(carried.walls);
     wall_travel_ = wall_used_ = 0;
@@ -374,6 +402,7 @@ void Simulation::take_close_list() {
     }
     if (!world_.alone())
         halo_.want(particles_, close_copies);
+    strain_since_refresh_ = {1, 1, 1};
     refreshed_.resize(particles_.owned);
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {

@@ -30,6 +30,8 @@ struct Tally {
     std::size_t contacts = 0;
     std::vector<BondBreak> breaks;
     ExactSum contact_force; ///< N, sum of the magnitudes, where somebody asked
+    /// N m, then: symmetric part of the force on j times the branch vector from i to j; xx yy zz yz zx xy.
+    std::array<ExactSum, 6> virial = {};
 };
 
 /// What a scene has, and with it which instantiation of the pair kernel runs.

@@ -26,6 +26,12 @@ double seconds_of_thread() {
 } // namespace
 
 void Simulation::step() {
+    advance_time(nullptr);
+    keep_lists_valid();
+}
+
+/// Everything but the lists.
+void Simulation::advance_time(const Vec3* strain) {
     const double start = world_.alone() ? 0 : seconds_of_thread();
     if (current_)
         move();
@@ -33,10 +39,11 @@ void Simulation::step() {
         for_blocks(time_step_.step, advance_work(nullptr, nullptr), false);
     current_ = false;
     finish_move();
+    if (strain != nullptr)
+        strain_cell(*strain);
     ++step_;
     if (!world_.alone())
         busy_ += seconds_of_thread() - start;
-    keep_lists_valid();
 }
 
 void Simulation::evaluate() {
@@ -87,6 +94,8 @@ void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool a
         tally.intake.reset();
         tally.fracture.reset();
         tally.contact_force.reset();
+        for (ExactSum& sum : tally.virial)
+            sum.reset();
         tally.contacts = 0;
     }
     walls_.compute(particles_, history_step, team_, tallies_);
@@ -106,7 +115,8 @@ void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool a
                     for (std::size_t pair = k; pair < done; ++pair)
                         if ((pairs_.state[pair] & (contact::contact_active | counted_elsewhere)) ==
                             contact::contact_active)
-                            tallies_[t].contact_force.add(norm(pairs_.force_in(pairs.first_slot + pair - k)));
+                            add_contact(list_.candidates()[pair],
+                                        pairs_.force_in(pairs.first_slot + pair - k), tallies_[t]);
                 const std::size_t complete = std::clamp(complete_rows_[done / sweep_block], row, last_row);
                 advance(work, row, complete, advanced_[t]);
                 row = complete;
@@ -117,6 +127,19 @@ void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool a
     collect_tallies(history_step == 0);
 }
 
+/// @param force on the pair's first particle, N
+void Simulation::add_contact(const search::Candidate& pair, const Vec3& force, Tally& tally) const {
+    tally.contact_force.add(norm(force));
+    const Vec3 branch = particles_.bodies[pair.j].position.vec() - particles_.bodies[pair.i].position.vec(),
+               f = -force;
+    tally.virial[0].add(f.x * branch.x);
+    tally.virial[1].add(f.y * branch.y);
+    tally.virial[2].add(f.z * branch.z);
+    tally.virial[3].add(0.5 * (f.y * branch.z + f.z * branch.y));
+    tally.virial[4].add(0.5 * (f.z * branch.x + f.x * branch.z));
+    tally.virial[5].add(0.5 * (f.x * branch.y + f.y * branch.x));
+}
+
 void Simulation::compute_forces(double history_step) {
     net_.resize(particles_.owned);
     for (std::size_t row = 0; row < particles_.owned; ++row) // fixed rows are not summed up
@@ -124,8 +147,12 @@ void Simulation::compute_forces(double history_step) {
             net_.acceleration[row] = net_.angular_acceleration[row] = {};
     for_blocks(history_step, advance_work(nullptr, &net_), true);
     contact_force_ = ExactSum(record_scale());
-    for (const Tally& tally : tallies_)
+    virial_.fill(ExactSum(record_scale() * largest_radius_));
+    for (const Tally& tally : tallies_) {
         contact_force_.add(tally.contact_force);
+        for (std::size_t k = 0; k < virial_.size(); ++k)
+            virial_[k].add(tally.virial[k]);
+    }
     current_ = true;
 }
 
@@ -156,7 +183,8 @@ void Simulation::finish_move() {
         stop_at_bad_particle();
     if (dt * std::sqrt(speed2) > longest_move * smallest_radius_)
         check_passing();
-    used_ += dt * (std::sqrt(use2) + shear_use_);
+    const Vec3& f = strain_since_refresh_;
+    used_ += dt * (std::sqrt(use2) / std::min({f.x, f.y, f.z, 1.0}) + shear_use_);
     wall_travel_ += dt * walls_.fastest();
     if (walls_.any())
         wall_used_ += dt * (std::sqrt(speed2) + walls_.fastest());

@@ -328,10 +328,10 @@ private:
     double wall_travel_ = 0;           ///< m, of the walls since the outer list was made
     double wall_used_ = 0;             ///< m, by which anybody can have come nearer to a wall since then
     double viscous_damping_ = 0;
-    bool straining_ = false;                      ///< space has been stretched: step_and_strain()
-    Vec3 strain_since_rebuild_{1, 1, 1};          ///< factors since the outer list was made
-    Vec3 strain_since_refresh_{1, 1, 1};          ///< and since the close list was
-    double least_share_ = 0;                      ///< m, of the close skin
+    bool straining_ = false;                       ///< space has been stretched: step_and_strain()
+    Vec3 strain_since_rebuild_{1, 1, 1};           ///< factors since the outer list was made
+    Vec3 strain_since_refresh_{1, 1, 1};           ///< and since the close list was
+    double least_share_ = 0;                       ///< m, of the close skin
     bool current_ = false;                         ///< the forces are those at the present time
     std::uint64_t id_sum_ = 0;                     ///< over hashes of all ranks' particles' ids
     std::vector<std::uint64_t> block_start_{0, 0}; ///< first id of each rank's block

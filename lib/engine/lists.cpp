@@ -373,6 +373,12 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
 void Simulation::refresh() {
     adapt_skins(false);
     set_shares();
+    // Whether the outer list lasts was asked with the old shares: who has become quicker has a larger one
+    // now.
+    if (any_rank(largest_displacement().outer > 1)) {
+        rebuild(false);
+        return;
+    }
     list_.refresh(particles_, share_, live(), team_);
     take_close_list();
 }

@@ -105,7 +105,8 @@ bool each_chunk(const Dims& chunk, const Dims& first, const Dims& count, Visit v
 /// The index of the chunks has no checksum of its own (a version 1 B-tree): where damage makes it lose a
 /// chunk, HDF5 gives zeros; where damage sets a chunk's filter mask, HDF5 skips the checksum. So each chunk
 /// that is to be read must be there and have passed through its checksum; one that was not compressed must
-/// have the size of its data.
+/// have the size of its data. What is not seen: an address that was changed to a place full of zeros, of
+/// which the checksum is zero as well, in a chunk that was not compressed.
 bool chunks_are_sound(hid_t dataset, const Dims& first, const Dims& count) {
     const Id creation(H5Dget_create_plist(dataset), H5Pclose);
     const Id type(H5Dget_type(dataset), H5Tclose);

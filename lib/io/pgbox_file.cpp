@@ -60,7 +60,7 @@ void write_pgbox(const std::string& path, const PgBoxFile& file, bool overwrite)
         for (const auto& [name, values] : file.history) {
             if (values.size() != file.history.front().second.size())
                 to.context().fail(pgbox.path("history/" + name), "differs in length from the other columns");
-            pgbox.write("history/" + name, values);
+            pgbox.write("history/" + name, values, {.filter = hdf::Filter::compressed});
         }
         if (!file.history.empty()) {
             std::vector<std::string> names;

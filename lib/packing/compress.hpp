@@ -31,8 +31,8 @@ struct CompressSettings {
     std::optional<double> overcompression; ///< solid fraction above the target; empty: by number of grains
     double quench_unbalanced_force = 1e-2;
     /// In balance below: mean net force of grains in contact / mean contact force. Empty: 1e-4, for more than
-    /// 30,000 grains 3e-4: the last rearrangements take very long. A box left at 5e-4 moves by more than its mean
-    /// overlap when it is let go (pgbox-stats --run-on), one at 1e-4 by a quarter of it.
+    /// 30,000 grains 3e-4: the last rearrangements take very long. A box left at 5e-4 moves by more than its
+    /// mean overlap when it is let go (pgbox-stats --run-on), one at 1e-4 by a quarter of it.
     std::optional<double> unbalanced_force;
     std::int64_t attempts = 12;       ///< starts and recompressions together
     std::int64_t iterations = 400000; ///< force evaluations at most, all attempts together

@@ -7,13 +7,13 @@
 #include "engine/simulation.hpp"
 #include "packing/assemble.hpp"
 #include "packing/cloud.hpp"
+#include "packing/histories.hpp"
 #include "packing/minimise.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
-#include <map>
 #include <memory>
 #include <numbers>
 #include <numeric>
@@ -160,20 +160,6 @@ engine::Scene Route::scene(const Box& box) const {
         scene.step = time_step_;
     scene.step_fraction = s_.step_fraction;
     return scene;
-}
-
-/// Contacts of a saved state as a table; overlaps are not filled in.
-ContactTable contacts_of(const engine::SavedState& s) {
-    ContactTable out;
-    for (std::size_t c = 0; c < s.contact_pair.size(); ++c) {
-        if (!(s.contact_state[c] & contact::contact_active))
-            continue;
-        const auto [i, j] = s.contact_pair[c];
-        out.pair.push_back({static_cast<std::int64_t>(i), static_cast<std::int64_t>(j)});
-        out.image.push_back(s.contact_image[c]);
-        out.tangential_displacement.push_back(s.contact_displacement[c]);
-    }
-    return out;
 }
 
 void append(ContactTable& to, const ContactTable& more) {
@@ -688,19 +674,8 @@ SedimentResult Route::run() {
     }
     std::vector<std::uint32_t> taken_from;
     result_.box = assemble_box(reduced, radius, length_, s_.material.density, team_, &taken_from);
-    if (s_.material.friction > 0) {
-        std::map<std::array<std::int64_t, 2>, std::vector<Vec3>> displacement;
-        for (std::size_t c = 0; c < bed_.contacts.size(); ++c)
-            displacement[bed_.contacts.pair[c]].push_back(bed_.contacts.tangential_displacement[c]);
-        ContactTable& contacts = result_.box.contacts;
-        for (const auto& [i, j] : contacts.pair) {
-            const std::int64_t a = taken_from[static_cast<std::size_t>(i)],
-                               b = taken_from[static_cast<std::size_t>(j)];
-            const auto at = displacement.find({std::min(a, b), std::max(a, b)});
-            const Vec3 u = at == displacement.end() ? Vec3{} : at->second.front();
-            contacts.tangential_displacement.push_back(a < b ? u : -1 * u);
-        }
-    }
+    if (s_.material.friction > 0)
+        give_displacements(result_.box, taken_from, bed_.contacts);
     result_.converged = result_.failure.empty();
     return std::move(result_);
 }

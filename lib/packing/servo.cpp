@@ -6,6 +6,7 @@
 #include "contact/constants.hpp"
 #include "engine/simulation.hpp"
 #include "packing/assemble.hpp"
+#include "packing/histories.hpp"
 #include "packing/minimise.hpp"
 
 #include <algorithm>
@@ -434,21 +435,8 @@ void Route::finish() {
     }
     std::vector<std::uint32_t> taken_from;
     result_.box = assemble_box(reduced, radius, length_, s_.material.density, team_, &taken_from);
-    if (s_.material.friction == 0)
-        return;
-    ContactTable& contacts = result_.box.contacts;
-    for (const auto& [i, j] : contacts.pair) {
-        std::array<std::uint64_t, 2> pair{taken_from[static_cast<std::size_t>(i)],
-                                          taken_from[static_cast<std::size_t>(j)]};
-        const bool turned = pair[0] > pair[1];
-        if (turned)
-            std::swap(pair[0], pair[1]);
-        const auto at = std::lower_bound(saved.contact_pair.begin(), saved.contact_pair.end(), pair);
-        const auto c = static_cast<std::size_t>(at - saved.contact_pair.begin());
-        const bool known = at != saved.contact_pair.end() && *at == pair;
-        const Vec3 u = known ? saved.contact_displacement[c] : Vec3{};
-        contacts.tangential_displacement.push_back(turned ? -u : u);
-    }
+    if (s_.material.friction > 0)
+        give_displacements(result_.box, taken_from, contacts_of(saved));
 }
 
 ServoResult Route::run() {

@@ -474,14 +474,16 @@ int main(int argc, char** argv) {
             attributes["grading_distance"] = packing::distance(asked, made.box.radius);
         std::vector<packing::VariantResult> variants;
         if (settings.variants.count > 1) {
-            const bool compressed = settings.route == "compress";
-            variants = pgbox_gen::make_variants(
-                made.box, settings.variants,
-                {.material = settings.compress.material,
-                 .coordination_tolerance = settings.compress.coordination_tolerance,
-                 .unbalanced_force = compressed ? settings.compress.unbalanced_force.value_or(1e-4)
-                                                : settings.sediment.unbalanced_force},
-                tool, team);
+            const double limit = settings.route == "sediment" ? settings.sediment.unbalanced_force
+                                 : settings.compress.material.friction > 0
+                                     ? settings.servo.unbalanced_force
+                                     : settings.compress.unbalanced_force.value_or(1e-4);
+            variants =
+                pgbox_gen::make_variants(made.box, settings.variants,
+                                         {.material = settings.compress.material,
+                                          .coordination_tolerance = settings.compress.coordination_tolerance,
+                                          .unbalanced_force = limit},
+                                         tool, team);
             attributes.merge(pgbox_gen::family_attributes(made.box, settings.variants, 1));
         }
         io::PgBoxFile file{.box = made.box,

@@ -178,14 +178,15 @@ RestState Simulation::rest_state() const {
     return rest;
 }
 
-std::array<Vec3, 3> Simulation::contact_stress() const {
+Tensor Simulation::contact_stress() const {
     evaluated();
     std::vector<ExactSum> sums(virial_.begin(), virial_.end());
     world_.sum(sums);
     const double volume = images_.box().volume();
     const auto stress = [&](std::size_t k) { return sums[k].value() / volume; };
-    return {Vec3{stress(0), stress(5), stress(4)}, Vec3{stress(5), stress(1), stress(3)},
-            Vec3{stress(4), stress(3), stress(2)}};
+    return {{{stress(0), stress(5), stress(4)},
+             {stress(5), stress(1), stress(3)},
+             {stress(4), stress(3), stress(2)}}};
 }
 
 bool Simulation::at_rest(const RestState& rest) const {

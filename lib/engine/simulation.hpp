@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include "base/tensor.hpp"
 #include "base/thread_team.hpp"
 #include "engine/advance.hpp"
 #include "engine/pair_kernel.hpp"
@@ -155,7 +156,7 @@ public:
     /// Symmetric part of the stress that pairs transmit, by rows, Pa, compression positive: the sum over
     /// contacts of force (springs and dashpots, normal and tangential) times branch vector over the box's
     /// volume. Without the motion's part, nor that of walls.
-    std::array<Vec3, 3> contact_stress() const;
+    Tensor contact_stress() const;
     bool at_rest(const RestState& state) const;
     Snapshot snapshot() const;
     struct WallLoad {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include "base/tensor.hpp"
 #include "particles/grains.hpp"
 
 #include <array>
@@ -44,11 +45,6 @@ OverlapDistribution overlap_by_polar_angle(std::span<const ContactVector> contac
 
 /// Bin-averaged 1/p of the 18 bins, the 37.2 in counting noise ~ sqrt(37.2 (1 + CV^2) / contacts).
 double counting_noise_factor();
-
-using Tensor = std::array<std::array<double, 3>, 3>;
-
-/// Eigenvalues of a symmetric tensor, largest first (cyclic Jacobi rotations).
-std::array<double, 3> eigenvalues(const Tensor& tensor);
 
 /// Satake-Oda fabric tensor <n (x) n>, trace 1.
 struct Fabric {

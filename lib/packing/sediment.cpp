@@ -11,12 +11,10 @@
 #include "packing/minimise.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <fmt/format.h>
 #include <memory>
 #include <numbers>
-#include <numeric>
 
 namespace talus::packing {
 
@@ -112,8 +110,8 @@ private:
         return {{0, 0, -length_}, {length_, length_, 2 * length_}, {true, true, false}};
     }
     void homogenise();
-    bool relax();
-    bool minimise_energy();
+    void relax();
+    void minimise_energy();
     void write_down(const engine::Simulation& simulation, std::span<const Role> role, const Box& box,
                     double fraction);
     SedimentState state_of(const engine::SavedState& saved, const std::vector<double>& radius,
@@ -474,22 +472,22 @@ void Route::press(double way, std::vector<Role>& role, double begin, double end)
         role[i] = layer_[i]                                      ? Role::pushed
                   : bed_.position[i].z >= length_ - s_.beta * r_ ? Role::held
                                                                  : Role::free;
-    if (!(way > 0))
-        return;
-    damping_ = 0;
     const std::vector<Vec3> before = bed_.position;
-    const auto steps =
-        static_cast<std::int64_t>(std::ceil(way / (s_.compression_speed * length_ / fall_ * time_step_)));
-    const auto running = start(scene(box), role, way / (static_cast<double>(steps) * time_step_));
-    engine::Simulation& simulation = *running;
-    const std::int64_t interval = std::max<std::int64_t>(1, steps / 20);
-    for (std::int64_t step = 1; step <= steps; ++step) {
-        simulation.step();
-        if (step % interval == 0 || step == steps)
-            write_down(simulation, role, box,
-                       begin + (end - begin) * static_cast<double>(step) / static_cast<double>(steps));
+    if (way > 0) { // the sediment may be so much denser than the box that the layer only goes down
+        damping_ = 0;
+        const auto steps =
+            static_cast<std::int64_t>(std::ceil(way / (s_.compression_speed * length_ / fall_ * time_step_)));
+        const auto running = start(scene(box), role, way / (static_cast<double>(steps) * time_step_));
+        engine::Simulation& simulation = *running;
+        const std::int64_t interval = std::max<std::int64_t>(1, steps / 20);
+        for (std::int64_t step = 1; step <= steps; ++step) {
+            simulation.step();
+            if (step % interval == 0 || step == steps)
+                write_down(simulation, role, box,
+                           begin + (end - begin) * static_cast<double>(step) / static_cast<double>(steps));
+        }
+        take(simulation);
     }
-    take(simulation);
     for (std::size_t i = 0; i < bed_.size(); ++i)
         if (role[i] == Role::pushed) { // to the bit where its image stands above the top
             bed_.position[i] = before[i] + Vec3{0, 0, way};
@@ -580,8 +578,8 @@ void Route::homogenise() {
     show("homogenised", role, box);
 }
 
-/// The last relaxation, of all grains; whether it came to rest.
-bool Route::relax() {
+/// The last relaxation, of all grains.
+void Route::relax() {
     stage_ = SedimentStage::relax;
     if (s_.material.friction == 0)
         return minimise_energy();
@@ -598,11 +596,10 @@ bool Route::relax() {
             "after {:.3g} s: allow a larger sediment.relax_limit",
             result_.end.unbalanced_force, s_.unbalanced_force, result_.end.kinetic_ratio, s_.kinetic_ratio,
             time_unit(s_.relax_limit)));
-    return at_rest;
 }
 
 /// Without friction rest is a minimum of the energy, found without waiting for the waves to die.
-bool Route::minimise_energy() {
+void Route::minimise_energy() {
     std::vector<Vec3> reduced(bed_.size());
     std::vector<double> radius(bed_.size());
     for (std::size_t i = 0; i < bed_.size(); ++i) {
@@ -642,7 +639,6 @@ bool Route::minimise_energy() {
         fail(fmt::format(
             "pressure is 0: the grains are not jammed at a solid volume fraction of {}: use a larger one",
             s_.sizes.solid_volume_fraction));
-    return minimum.converged && minimum.jammed;
 }
 
 void Route::show(const std::string& name, std::span<const Role> role, const Box& box) const {

@@ -56,23 +56,6 @@ Vec3 shortened(const Vec3& v, double at) {
     return {std::exp(-at * v.x), std::exp(-at * v.y), std::exp(-at * v.z)};
 }
 
-/// Eigenvalues of a symmetric matrix, largest first: the roots of its characteristic polynomial by cosines.
-std::array<double, 3> eigenvalues(const std::array<Vec3, 3>& m) {
-    const double middle = (m[0].x + m[1].y + m[2].z) / 3;
-    const double off2 = m[0].y * m[0].y + m[0].z * m[0].z + m[1].z * m[1].z;
-    const Vec3 d{m[0].x - middle, m[1].y - middle, m[2].z - middle};
-    const double size = std::sqrt((norm2(d) + 2 * off2) / 6);
-    if (size == 0)
-        return {middle, middle, middle};
-    const Vec3 n = d / size;
-    const double a = m[0].y / size, b = m[0].z / size, c = m[1].z / size;
-    const double half = 0.5 * (n.x * (n.y * n.z - c * c) - a * (a * n.z - c * b) + b * (a * c - n.y * b));
-    const double angle = std::acos(std::clamp(half, -1.0, 1.0)) / 3;
-    const double first = middle + 2 * size * std::cos(angle),
-                 last = middle + 2 * size * std::cos(angle + 2 * std::numbers::pi / 3);
-    return {first, 3 * middle - first - last, last};
-}
-
 void check(const ServoSettings& s) {
     const auto refuse = [](const std::string& what) { throw Error(ExitCode::configuration_invalid, what); };
     const auto positive = [&](const char* key, double value) {
@@ -249,8 +232,8 @@ ServoState Route::state() const {
     out.steps = simulation.steps();
     out.time = simulation.time();
     out.solid_volume_fraction = solid_ / volume;
-    const std::array<Vec3, 3> stress = simulation.contact_stress();
-    const Vec3 axes{stress[0].x, stress[1].y, stress[2].z};
+    const Tensor stress = simulation.contact_stress();
+    const Vec3 axes{stress[0][0], stress[1][1], stress[2][2]};
     out.axis_stress = {axes.x, axes.y, axes.z};
     out.principal_stress = eigenvalues(stress);
     out.pressure = mean(axes);
@@ -308,8 +291,8 @@ void Route::write_down(double fraction) {
 /// its stress is below the mean, and where its edge is still too long for the cube.
 /// @param left mean logarithmic strain to go
 Vec3 Route::servo_rates(double left) const {
-    const std::array<Vec3, 3> stress = simulation_->contact_stress();
-    const Vec3 axes{stress[0].x, stress[1].y, stress[2].z}, edges = simulation_->box().lengths();
+    const Tensor stress = simulation_->contact_stress();
+    const Vec3 axes{stress[0][0], stress[1][1], stress[2][2]}, edges = simulation_->box().lengths();
     const double p = mean(axes), rate = strain_rate(p),
                  soon = rate * static_cast<double>(look_every) * simulation_->time_step().step,
                  scale = std::max(p, s_.least_stress * s_.material.youngs_modulus);

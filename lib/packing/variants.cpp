@@ -6,6 +6,7 @@
 #include "contact/constants.hpp"
 #include "engine/simulation.hpp"
 #include "packing/assemble.hpp"
+#include "packing/histories.hpp"
 #include "packing/minimise.hpp"
 #include "particles/seams.hpp"
 #include "search/cell_grid.hpp"
@@ -327,15 +328,7 @@ double Variant::grow_with_friction(double excess, double begin, double end) {
         grains.position = std::move(saved.position);
         grains.velocity = std::move(saved.half_velocity);
         grains.angular_velocity = std::move(saved.half_angular_velocity);
-        displacement_ = {};
-        for (std::size_t c = 0; c < saved.contact_pair.size(); ++c) {
-            if (!(saved.contact_state[c] & contact::contact_active))
-                continue;
-            displacement_.pair.push_back({static_cast<std::int64_t>(saved.contact_pair[c][0]),
-                                          static_cast<std::int64_t>(saved.contact_pair[c][1])});
-            displacement_.image.push_back(saved.contact_image[c]);
-            displacement_.tangential_displacement.push_back(saved.contact_displacement[c]);
-        }
+        displacement_ = contacts_of(saved);
     }
     std::vector<Vec3> reduced(all);
     for (std::size_t k = 0; k < all; ++k)

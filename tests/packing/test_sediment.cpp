@@ -213,6 +213,28 @@ TEST(Sediment, GammaGivenIsTakenAndStrainMeetsTheFraction) {
     EXPECT_NEAR(solid_fraction(made.box), 0.64, 1e-12);
 }
 
+TEST(Sediment, LayerGoesToItsPlaceAlsoWhereThatIsDown) {
+    SedimentSettings settings = coarse(0.4);
+    settings.gamma = -1.5; // of a sediment much denser than the box
+    settings.relax_limit = 0.5;
+    ThreadTeam team(1);
+    std::map<std::string, Grains> stages;
+    const SedimentResult made = sediment(
+        settings, team, {}, [&](const std::string& name, const Grains& grains) { stages[name] = grains; });
+    const Grains &cut = stages["cut"], &pressed = stages["compressed"];
+    const double layer = settings.beta * 0.08 * made.radius_factor / (1 + made.last_strain);
+    std::size_t moved = 0;
+    for (std::size_t i = 0; i < cut.size(); ++i)
+        if (cut.species[i] == Species::fixed && cut.position[i].z < 0.5) {
+            EXPECT_NEAR(pressed.position[i].z - cut.position[i].z, (made.gamma + 1) * layer / settings.beta,
+                        1e-12);
+            EXPECT_GE(pressed.position[i].z, -1e-12);
+            EXPECT_LT(pressed.position[i].z, layer);
+            ++moved;
+        }
+    EXPECT_GT(moved, 10u);
+}
+
 TEST(Sediment, WhatIsNotReachedIsNamed) {
     ThreadTeam team(1);
     SedimentSettings settings = coarse(0.4);

@@ -240,11 +240,19 @@ void register_sediment(cli::Settings& s, Settings& all) {
     s.number("sediment.settle_unbalanced_force", c.settle_unbalanced_force, Unit::none,
              "net over contact force below which the sediment rests", cli::positive);
     s.number("sediment.settle_speed", c.settle_speed, Unit::none,
-             "and root mean square speed over sqrt(gravity radius)", cli::positive);
+             "and root mean square speed over that of the compression", cli::positive);
     s.number("sediment.settle_damping", c.settle_damping, Unit::none,
              "viscous damping per fall, once all have come down", cli::not_negative);
     s.number("sediment.compression_speed", c.compression_speed, Unit::none,
              "of the bottom layer, in box lengths per fall", cli::positive);
+    s.number("sediment.overpush", c.overpush, Unit::none,
+             "by how many largest radii the layer is pushed too far before it is drawn back", {0, 100});
+    s.number(
+        "sediment.joint_friction", c.joint_friction, Unit::none,
+        "friction, where it is less than the grains', at the joint of slab and layer until it has relaxed",
+        cli::not_negative);
+    s.number("sediment.joint_thickness", c.joint_thickness, Unit::none,
+             "of that joint to both sides, in largest radii", cli::not_negative);
     s.number("sediment.cut_plane", c.cut_plane, Unit::none, "each new cut above the last, in box lengths",
              {0, 1, true, true});
     s.number("sediment.stroke", c.stroke, Unit::none,
@@ -257,8 +265,10 @@ void register_sediment(cli::Settings& s, Settings& all) {
              "change of the total overlap in 1/20 fall, at the end", cli::positive);
     s.number("sediment.relax_damping", c.relax_damping, Unit::none,
              "viscous damping per fall while the box is homogenised and relaxed", cli::not_negative);
-    s.number("sediment.unbalanced_force", c.unbalanced_force, Unit::none, "net over contact force at the end",
-             {0, 1, true, false});
+    s.optional_number(
+        "sediment.unbalanced_force", c.unbalanced_force, Unit::none,
+        "net over contact force at the end; auto: 1e-4, without friction 3e-4 above 30,000 grains",
+        {0, 1, true, false});
     s.number("sediment.kinetic_ratio", c.kinetic_ratio, Unit::none, "kinetic over elastic energy at the end",
              cli::positive);
     s.number("sediment.relax_limit", c.relax_limit, Unit::none, "falls that the last relaxation may take",
@@ -474,10 +484,10 @@ int main(int argc, char** argv) {
             attributes["grading_distance"] = packing::distance(asked, made.box.radius);
         std::vector<packing::VariantResult> variants;
         if (settings.variants.count > 1) {
-            const double limit = settings.route == "sediment" ? settings.sediment.unbalanced_force
-                                 : settings.compress.material.friction > 0
-                                     ? settings.servo.unbalanced_force
-                                     : settings.compress.unbalanced_force.value_or(1e-4);
+            const double limit =
+                settings.route == "sediment"              ? settings.sediment.unbalanced_force.value_or(1e-4)
+                : settings.compress.material.friction > 0 ? settings.servo.unbalanced_force
+                                                          : settings.compress.unbalanced_force.value_or(1e-4);
             variants =
                 pgbox_gen::make_variants(made.box, settings.variants,
                                          {.material = settings.compress.material,

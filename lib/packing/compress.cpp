@@ -72,10 +72,6 @@ double default_overcompression(const GrainSizes& sizes) {
     return all_equal(sizes) ? 0.013 : 0.004;
 }
 
-double default_unbalanced_force(std::int64_t particles) {
-    return particles > 30000 ? 3e-4 : 1e-4;
-}
-
 /// One box being made: the spheres and what is written down on the way.
 class Press {
 public:
@@ -183,7 +179,7 @@ CompressResult Press::run() {
     const double target = settings_.sizes.solid_volume_fraction;
     const auto particles = static_cast<std::int64_t>(radii_.radius.size());
     const Window window = coordination_window(settings_, particles);
-    const double balance = settings_.unbalanced_force.value_or(default_unbalanced_force(particles));
+    const double balance = settings_.unbalanced_force.value_or(frictionless_unbalanced_force(particles));
     double excess = settings_.overcompression.value_or(default_overcompression(settings_.sizes));
     std::uint64_t restarts = 0;
     bool from_random = true;

@@ -30,8 +30,8 @@ struct CompressSettings {
     std::optional<double> coordination_tolerance; ///< empty: the larger of 0.1 and 3.6 / sqrt(N)
     std::optional<double> overcompression; ///< solid fraction above the target; empty: by number of grains
     double quench_unbalanced_force = 1e-2;
-    /// In balance below: mean net force of grains in contact / mean contact force. Empty: 1e-4, for more than
-    /// 30,000 grains 3e-4: the last rearrangements take very long. A box left at 5e-4 moves by more than its
+    /// In balance below: mean net force of grains in contact / mean contact force. Empty: see
+    /// frictionless_unbalanced_force(). A box left at 5e-4 moves by more than its
     /// mean overlap when it is let go (pgbox-stats --run-on), one at 1e-4 by a quarter of it. A start that is
     /// not there after 60,000 force evaluations is taken below 9e-4 where the limit is empty, else given up.
     std::optional<double> unbalanced_force;

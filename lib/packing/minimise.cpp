@@ -17,6 +17,10 @@ constexpr int downhill_before_growth = 20;
 constexpr double largest_step = 1.8;
 } // namespace
 
+double frictionless_unbalanced_force(std::int64_t particles) {
+    return particles > 30000 ? 3e-4 : 1e-4;
+}
+
 Minimum minimise(SoftSpheres& spheres, const MinimiseLimits& limits,
                  const std::function<void(std::int64_t iteration, const ContactSums&)>& observer,
                  std::int64_t observe_every) {

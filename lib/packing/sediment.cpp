@@ -46,7 +46,14 @@ void check(const SedimentSettings& s) {
     if (!(s.stroke >= 0 && s.stroke < 100))
         refuse(fmt::format("sediment.stroke: found {}, expected 0 to 100", s.stroke));
     positive("sediment.saturation", s.saturation);
-    positive("sediment.unbalanced_force", s.unbalanced_force);
+    if (s.unbalanced_force)
+        positive("sediment.unbalanced_force", *s.unbalanced_force);
+    if (!(s.overpush >= 0 && s.overpush < s.beta))
+        refuse(fmt::format("sediment.overpush: found {}, expected 0 to sediment.beta", s.overpush));
+    for (const auto& [key, value] :
+         {std::pair{"friction", s.joint_friction}, std::pair{"thickness", s.joint_thickness}})
+        if (!(value >= 0) || !std::isfinite(value))
+            refuse(fmt::format("sediment.joint_{}: found {}, expected 0 or more", key, value));
     positive("sediment.kinetic_ratio", s.kinetic_ratio);
     positive("sediment.relax_limit", s.relax_limit);
     if (!(s.sizes.solid_volume_fraction >= 0.56 && s.sizes.solid_volume_fraction <= 0.68))
@@ -103,7 +110,9 @@ private:
     engine::Scene scene(const Box& box) const;
     Bed settle();
     void cut(const Bed& sediment);
-    void press(double way, std::vector<Role>& role, double begin, double end);
+    void press(double way, double too_far, std::vector<Role>& role, double begin, double end);
+    void mark_joint();
+    double balance() const;
     void compress();
     void shift_origin(double by);
     Box open_column() const {
@@ -138,6 +147,7 @@ private:
     double r_, mean_radius_ = 0, modulus_;
     Bed bed_;
     std::vector<std::uint8_t> layer_; ///< of bed_: 1 for the layer that was put below
+    std::vector<std::uint8_t> joint_; ///< of bed_: 1 for grains with less friction for now; empty: none
     ContactTable
         between_held_;  ///< contacts of two that are held: they take no part in a run and come back after it
     ContactTable seam_; ///< contacts of that layer with what it was taken from, through the top face
@@ -156,6 +166,10 @@ engine::Scene Route::scene(const Box& box) const {
     scene.box = box;
     if (time_step_ > 0)
         scene.step = time_step_;
+    if (!joint_.empty()) {
+        scene.more_materials = {s_.material};
+        scene.more_materials[0].friction = s_.joint_friction;
+    }
     scene.step_fraction = s_.step_fraction;
     return scene;
 }
@@ -266,6 +280,7 @@ std::unique_ptr<engine::Simulation> Route::start(const engine::Scene& scene, std
             grains.angular_velocity[i] = {};
         }
     }
+    grains.material = joint_;
     auto simulation = std::make_unique<engine::Simulation>(scene, grains, team_);
     if (s_.material.friction > 0) {
         ContactTable live;
@@ -344,7 +359,7 @@ Bed Route::settle() {
         write_down(simulation, role, box, 0.5 * std::min(1.0, simulation.time() / (2 * down)));
         const engine::RestState rest = simulation.rest_state();
         if (damped && rest.unbalanced_force < s_.settle_unbalanced_force &&
-            rest.rms_speed < s_.settle_speed * std::sqrt(s_.gravity * r_))
+            rest.rms_speed < s_.settle_speed * s_.compression_speed * length_ / fall_)
             break;
         if (simulation.time() > limit) {
             fail(fmt::format(
@@ -464,8 +479,9 @@ void Route::cut(const Bed& sediment) {
     }
 }
 
-/// Pushes the bottom layer up by `way` towards the top layer, which is held. Both are as thick as beta says.
-void Route::press(double way, std::vector<Role>& role, double begin, double end) {
+/// Pushes the bottom layer up by `way` and `too_far` towards the top layer, which is held, then takes back
+/// what was too far. Both layers are as thick as beta says.
+void Route::press(double way, double too_far, std::vector<Role>& role, double begin, double end) {
     const Box box = open_column();
     role.assign(bed_.size(), Role::free);
     for (std::size_t i = 0; i < bed_.size(); ++i)
@@ -475,9 +491,10 @@ void Route::press(double way, std::vector<Role>& role, double begin, double end)
     const std::vector<Vec3> before = bed_.position;
     if (way > 0) { // the sediment may be so much denser than the box that the layer only goes down
         damping_ = 0;
-        const auto steps =
-            static_cast<std::int64_t>(std::ceil(way / (s_.compression_speed * length_ / fall_ * time_step_)));
-        const auto running = start(scene(box), role, way / (static_cast<double>(steps) * time_step_));
+        const double speed = s_.compression_speed * length_ / fall_;
+        const auto steps = static_cast<std::int64_t>(std::ceil((way + too_far) / (speed * time_step_)));
+        const auto running =
+            start(scene(box), role, (way + too_far) / (static_cast<double>(steps) * time_step_));
         engine::Simulation& simulation = *running;
         const std::int64_t interval = std::max<std::int64_t>(1, steps / 20);
         for (std::int64_t step = 1; step <= steps; ++step) {
@@ -500,11 +517,28 @@ void Route::compress() {
     stage_ = SedimentStage::compress;
     std::vector<Role> role;
     if (stages_) {
-        press(0, role, 0, 0);
+        press(0, 0, role, 0, 0);
         show("cut", role, open_column());
     }
-    press((result_.gamma + 1) * r_, role, 0.5, 0.65);
+    if (s_.joint_friction < s_.material.friction)
+        mark_joint();
+    press((result_.gamma + 1) * r_, s_.overpush * r_, role, 0.5, 0.65);
     show("compressed", role, open_column());
+}
+
+/// Grains on both sides of the plane where slab and layer will meet.
+void Route::mark_joint() {
+    joint_.assign(bed_.size(), 0);
+    for (std::size_t i = 0; i < bed_.size(); ++i) {
+        const double z = bed_.position[i].z + (layer_[i] ? (result_.gamma + 1) * r_ : 0);
+        joint_[i] = std::abs(z - s_.beta * r_) < s_.joint_thickness * r_;
+    }
+}
+
+double Route::balance() const {
+    const auto grains = static_cast<std::int64_t>(bed_.size());
+    return s_.unbalanced_force.value_or(s_.material.friction > 0 ? 1e-4
+                                                                 : frictionless_unbalanced_force(grains));
 }
 
 /// Moves the origin up by `by` along z, in a cell periodic there; contacts keep who they are.
@@ -536,7 +570,7 @@ bool Route::run_until_rest(engine::Simulation& simulation, std::span<const Role>
         const double before = result_.end.total_overlap;
         write_down(simulation, role, box, begin + (end - begin) * std::min(1.0, simulation.time() / limit));
         const SedimentState& now = result_.end;
-        if (now.unbalanced_force < s_.unbalanced_force && now.kinetic_ratio < s_.kinetic_ratio &&
+        if (now.unbalanced_force < balance() && now.kinetic_ratio < s_.kinetic_ratio &&
             std::abs(now.total_overlap - before) < s_.saturation * before)
             return true;
         if (simulation.time() >= limit)
@@ -563,7 +597,7 @@ void Route::homogenise() {
             if (layer_[i])
                 bed_.position[i].z -= s_.stroke * r_;
         }
-        press(s_.stroke * r_, role, part(done), part(done + 0.5));
+        press(s_.stroke * r_, 0, role, part(done), part(done + 0.5));
         for (Role& r : role)
             if (r == Role::pushed)
                 r = Role::held;
@@ -573,6 +607,7 @@ void Route::homogenise() {
         simulation.set_viscous_damping(damping_);
         run_until_rest(simulation, role, box, time_unit(s_.round_time), part(done + 0.5), part(done + 1));
         take(simulation);
+        joint_.clear();
     }
     round_ = s_.homogenise_rounds;
     show("homogenised", role, box);
@@ -594,7 +629,7 @@ void Route::relax() {
         fail(fmt::format(
             "unbalanced_force is {:.3g} (limit {:g}) and kinetic over elastic energy {:.3g} (limit {:g}) "
             "after {:.3g} s: allow a larger sediment.relax_limit",
-            result_.end.unbalanced_force, s_.unbalanced_force, result_.end.kinetic_ratio, s_.kinetic_ratio,
+            result_.end.unbalanced_force, balance(), result_.end.kinetic_ratio, s_.kinetic_ratio,
             time_unit(s_.relax_limit)));
 }
 
@@ -608,7 +643,7 @@ void Route::minimise_energy() {
     }
     SoftSpheres spheres(reduced, radius, team_);
     MinimiseLimits limits;
-    limits.unbalanced_force = s_.unbalanced_force;
+    limits.unbalanced_force = balance();
     const auto note = [&](std::int64_t iteration, const ContactSums& sums) {
         SedimentState state;
         state.stage = stage_;
@@ -634,7 +669,7 @@ void Route::minimise_energy() {
         fail(fmt::format(
             "unbalanced_force is {:.3g} after {} iterations of the last relaxation, above {:g}: use "
             "another seed",
-            result_.end.unbalanced_force, minimum.iterations, s_.unbalanced_force));
+            result_.end.unbalanced_force, minimum.iterations, balance()));
     else if (!minimum.jammed)
         fail(fmt::format(
             "pressure is 0: the grains are not jammed at a solid volume fraction of {}: use a larger one",

@@ -287,10 +287,20 @@ int main(int argc, char** argv) {
             io::from_first(ranks, resumes && first_rank ? io::usable_checkpoint(saved) : "");
         const bool input_is_checkpoint = io::kind_of(input) == io::FileKind::checkpoint;
         Start start;
+        const auto prepare = [&] {
+            if (!scene.triaxial || !scene.walls.empty())
+                return;
+            if (!world.alone())
+                throw Error(
+                    ExitCode::configuration_invalid,
+                    "triaxial: found several MPI ranks, expected one: use threads, and one task a test");
+            engine::prepare_triaxial(scene, start.grains);
+        };
         if (!usable.empty() || input_is_checkpoint) {
             const io::CheckpointReader file(usable.empty() ? input : usable);
             if (!input_is_checkpoint) {
                 start = from_model(input, team, world);
+                prepare();
                 dem_run::check_same_run(file, usable, start.grains, start.first,
                                         tool.effective_config().dump());
             }
@@ -298,6 +308,7 @@ int main(int argc, char** argv) {
         } else {
             start = from_model(input, team, world);
         }
+        prepare();
         if (resumes && usable.empty() && std::filesystem::exists(saved))
             tool.warn(saved +
                       ": the checkpoint is damaged and there is no earlier one; starting from the beginning");

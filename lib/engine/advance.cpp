@@ -113,6 +113,9 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowO
                     sum = sum + load_record(Record(e.force, e.damping));
                     couple = couple + load_record(Record(e.couple, 0));
                 }
+            if (work.membrane.any())
+                if (const std::uint32_t node = work.membrane.node_of_row(row); node != no_row)
+                    sum = sum + load_record(Record(work.membrane.force(node), 0));
             a = sum * quad(1 / v.w) + gravity;
             if (work.viscous_damping > 0)
                 a = a - viscous * (old_v + load_quad(&kick.vx));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include "engine/membrane.hpp"
 #include "engine/pair_kernel.hpp"
 #include "engine/wall_contacts.hpp"
 #include "search/local_motion.hpp"
@@ -29,6 +30,7 @@ struct AdvanceWork {
     const PairColumns& pairs;
     const search::CandidateList& list;
     const WallContacts& walls;
+    const Membrane& membrane;
     const NetColumns* given; ///< used instead of the sums, where there is one
     NetColumns* into;        ///< where there is one, sums are written here and nothing moves
     Vec3 gravity;            ///< m s-2

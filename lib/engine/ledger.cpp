@@ -36,7 +36,7 @@ void Simulation::add_viscous_power() {
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
         ExactSum& part = parts[static_cast<std::size_t>(thread)];
         for (std::size_t row = begin; row < end; ++row) {
-            if (p.species[row] == Species::fixed)
+            if (p.species[row] == Species::fixed || membrane_.clamped_row(row))
                 continue;
             const Body& body = p.bodies[row];
             const Vec3 v = body.velocity.vec() + body.half_kick.velocity();
@@ -58,6 +58,8 @@ void Simulation::collect_tallies(bool first) {
     integrals_[supplied_power].last.reset();
     if (walls_.moving())
         walls_.add_power(integrals_[supplied_power].last);
+    if (membrane_.any())
+        membrane_.add_powers(particles_, integrals_[damping_power].last, integrals_[supplied_power].last);
 
     contacts_ = 0;
     std::size_t broken = 0;
@@ -93,7 +95,7 @@ Energies Simulation::energies() const {
     const double scale = record_scale() * largest_radius_;
     ExactSum kinetic(scale), potential(scale), elastic(scale);
     for (std::size_t row = 0; row < p.owned; ++row) {
-        if (p.species[row] == Species::fixed)
+        if (p.species[row] == Species::fixed || membrane_.clamped_row(row))
             continue;
         const double m = p.bodies[row].velocity.w;
         kinetic.add(0.5 * m * norm2(full_velocity(row)));
@@ -113,6 +115,8 @@ Energies Simulation::energies() const {
                                            pairs_.state[k] & contact::bond_intact));
     }
     walls_.add_elastic_energy(p, elastic);
+    if (membrane_.any())
+        membrane_.add_elastic_energy(p, elastic);
 
     std::vector<ExactSum> sums{kinetic, potential, elastic, fractured_};
     for (const Integral& i : integrals_)
@@ -148,7 +152,7 @@ RestState Simulation::rest_state() const {
     ExactSum net_force(scale), wall_force(scale), speed2(1e6);
     RestState rest;
     for (std::size_t row = 0; row < p.owned; ++row) {
-        if (p.species[row] == Species::fixed)
+        if (p.species[row] == Species::fixed || membrane_.clamped_row(row))
             continue;
         net_force.add(p.bodies[row].velocity.w * norm(net_.acceleration[row]));
         const double v2 = norm2(full_velocity(row));

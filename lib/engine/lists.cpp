@@ -347,6 +347,8 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
     });
     strain_since_rebuild_ = {1, 1, 1};
     walls_.rebuild(p, wall_skin_, order);
+    if (membrane_.any())
+        membrane_.set_rows(p);
     give_walls(carried.walls);
     wall_travel_ = wall_used_ = 0;
     ++rebuilds_;

@@ -22,10 +22,12 @@ bool due(std::int64_t stage_step, double interval, double dt) {
 }
 
 bool ended(const Simulation& simulation, const Stage& stage, std::int64_t stage_step) {
-    const double dt = simulation.time_step().step;
+    const double dt = simulation.time_step().step, time = static_cast<double>(stage_step) * dt;
     const double last = stage.until_rest ? stage.limit : stage.end;
-    if (static_cast<double>(stage_step) * dt >= last * (1 - 1e-12))
+    if (time >= last * (1 - 1e-12))
         return true;
+    if (stage.kind != Stage::Kind::plain)
+        return stage_step % rest_interval == 0 && simulation.triaxial_done(time);
     return stage.until_rest && stage_step > 0 && stage_step % rest_interval == 0 &&
            simulation.at_rest(simulation.rest_state());
 }
@@ -45,6 +47,8 @@ RunEnd run(Simulation& simulation, const Scene& scene, Observer& observer, RunPo
         if (position.stage_start < 0) {
             position.stage_start = simulation.steps();
             simulation.set_viscous_damping(stage.viscous_damping.value_or(scene.viscous_damping));
+            if (stage.kind != Stage::Kind::plain)
+                simulation.begin_triaxial(stage.kind);
             const std::size_t released = stage.release ? simulation.release(stage.release_mass) : 0;
             observer.stage(stage, simulation, released);
             tell_breaks(simulation, observer);

@@ -18,8 +18,31 @@ struct PlaneWall {
     Material material;
 };
 
+/// A triaxial test of the specimen that the model's grains are (physics.md, section on the triaxial test):
+/// platens below and above, a membrane around.
+struct Triaxial {
+    double confining_stress = 0;   ///< Pa
+    double platen_velocity = 0.05; ///< m/s, of the top platen, downwards
+    double axial_strain = 0.12;    ///< at which the test ends
+    double velocity_ramp = 0.002;  ///< axial strain over which the platen comes to its speed
+    double bedding = 0; ///< of the mean radius: how far the platens stand in the specimen's uneven ends
+    std::optional<double> platen_friction; ///< empty: the grains'
+
+    std::optional<double> membrane_youngs_modulus; ///< Pa; empty: a thousandth of the grains'
+    std::optional<double> membrane_radius;         ///< m, of its particles; empty: the grains' mean
+    double membrane_friction = 0;                  ///< against grains
+    double membrane_damping = 0.2;                 ///< of its edges, of their critical damping
+
+    std::optional<double>
+        consolidation_time;          ///< s, in which the confining stress comes up; empty: from wave times
+    double consolidation_limit = 20; ///< of that time, until stresses and forces must be in balance
+    double consolidation_tolerance = 5e-3; ///< of the confining stress
+};
+
 /// One part of a run. Times count from the stage's own start.
 struct Stage {
+    enum class Kind { plain, consolidate, shear };
+    Kind kind = Kind::plain; ///< the others belong to a triaxial test and end by themselves
     std::string name = "run";
     bool until_rest = false;               ///< ends at rest, at the latest after `limit`
     double limit = 0;                      ///< s, with until_rest
@@ -42,6 +65,7 @@ struct Scene {
     contact::LeverArm lever_arm = contact::LeverArm::contact_point;
     std::optional<Box> box;
     std::vector<PlaneWall> walls;
+    std::optional<Triaxial> triaxial;
 
     std::optional<double> step; ///< s; empty: step_fraction of the Rayleigh time
     double step_fraction = 0.2;

@@ -56,6 +56,9 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
     make_constants();
     load(grains);
 
+    if (scene.triaxial)
+        make_apparatus(grains);
+
     if (scene.bond) {
         reach_factor_ = std::max(1.0, scene.bond->bond_initiation_factor);
         for (const contact::Constants& c : constants_.pairs)
@@ -155,7 +158,7 @@ void Simulation::load(const Grains& grains) {
             bad(row, fmt::format("its mass {} is not above zero", mass));
         if (!grains.species.empty())
             p.species[row] = grains.species[row];
-        if (p.species[row] == Species::membrane)
+        if (p.species[row] == Species::membrane && !scene_.triaxial)
             bad(row, "is a membrane particle, which needs a triaxial scene");
         if (!grains.release.empty())
             p.release[row] = grains.release[row];
@@ -254,7 +257,11 @@ void Simulation::set_initial_contacts() {
                     "particles {} and {}: have the same position, so there is no direction to push them "
                     "apart; check what wrote the model",
                     particles_.id[c.i], particles_.id[c.j]));
-        const bool bonded = kernel_.traits.bonds && distance < touch * chi;
+        const auto of_membrane = [&](std::uint32_t row) {
+            return particles_.species[particles_.owner(row)] == Species::membrane;
+        };
+        const bool bonded =
+            kernel_.traits.bonds && distance < touch * chi && !of_membrane(c.i) && !of_membrane(c.j);
         if (bonded)
             pairs_.state[k] |= contact::bond_intact;
         if (kernel_.traits.offsets && (bonded || distance < touch)) {

@@ -56,6 +56,7 @@ AdvanceWork Simulation::advance_work(const NetColumns* given, NetColumns* into) 
             .pairs = pairs_,
             .list = list_,
             .walls = walls_,
+            .membrane = membrane_,
             .given = given,
             .into = into,
             .gravity = scene_.gravity,
@@ -99,6 +100,8 @@ void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool a
         tally.contacts = 0;
     }
     walls_.compute(particles_, history_step, team_, tallies_);
+    if (membrane_.any())
+        press_membrane();
     if (viscous_damping_ > 0)
         add_viscous_power();
     for_sweep_parts(
@@ -124,6 +127,8 @@ void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool a
             advance(work, row, last_row, advanced_[t]);
         });
     move_late(work);
+    if (membrane_.any())
+        feel_membrane();
     collect_tallies(history_step == 0);
 }
 
@@ -188,6 +193,8 @@ void Simulation::finish_move() {
     wall_travel_ += dt * walls_.fastest();
     if (walls_.any())
         wall_used_ += dt * (std::sqrt(speed2) + walls_.fastest());
+    if (triaxial_)
+        drive_platen();
 }
 
 std::string Simulation::near_particles(std::size_t row) const {

@@ -6,6 +6,7 @@
 #include "engine/pair_kernel.hpp"
 #include "engine/scene.hpp"
 #include "engine/time_step.hpp"
+#include "engine/triaxial.hpp"
 #include "engine/wall_contacts.hpp"
 #include "parallel/communicator.hpp"
 #include "parallel/domains.hpp"
@@ -147,6 +148,15 @@ public:
     std::size_t release(bool whole_mass = false);
     void set_viscous_damping(double per_second) { viscous_damping_ = per_second; }
 
+    /// A stage of a triaxial test begins: see TriaxialTest.
+    void begin_triaxial(Stage::Kind kind);
+    /// Of a scene with `triaxial`.
+    TriaxialMeasures triaxial_measures() const;
+    /// Whether the present stage of a triaxial test has come to its end.
+    bool triaxial_done(double time_in_stage) const;
+    /// A grain that stands outside the membrane, by id; none where all are inside.
+    std::optional<std::uint64_t> outside_membrane() const;
+
     Energies energies() const;
     /// |total now - total at the start| / largest kinetic + elastic + dissipated + potential change so far.
     double energy_error() const;
@@ -210,6 +220,7 @@ private:
     void load(const Grains& grains);
     void reduce_properties(std::optional<QuickestGrain>& quickest);
     void make_constants();
+    void make_apparatus(const Grains& grains);
     void set_initial_contacts();
     void start_from_full_step();
     const Simulation& evaluated() const {
@@ -272,6 +283,10 @@ private:
     void check_passing() const;
     std::string near_particles(std::size_t row) const;
     void add_viscous_power();
+    TriaxialTest::Shape specimen_shape() const;
+    void press_membrane();
+    void feel_membrane();
+    void drive_platen();
     Vec3 unwrapped(std::size_t row) const;
     Vec3 full_velocity(std::size_t row) const;
     Vec3 full_angular_velocity(std::size_t row) const;
@@ -318,6 +333,8 @@ private:
     PairColumns pairs_;
     search::CandidateList list_;
     WallContacts walls_;
+    Membrane membrane_;
+    std::optional<TriaxialTest> triaxial_;
     TimeStep time_step_;
 
     std::int64_t step_ = 0, last_rebuild_ = 0, last_refresh_ = 0;

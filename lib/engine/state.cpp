@@ -210,12 +210,16 @@ SavedState Simulation::save() const {
     for (std::size_t w = 0; w < walls_.count(); ++w)
         for (int k = 0; k < 3; ++k)
             s.scalars.push_back(walls_.point(w)[k]);
+    if (triaxial_)
+        for (const double value : triaxial_->state())
+            s.scalars.push_back(value);
     return s;
 }
 
 void Simulation::restore(const SavedState& s) {
     const std::size_t n = block_size();
-    if (s.position.size() != n || s.scalars.size() != 4 + 3 * walls_.count() ||
+    const std::size_t of_walls = 4 + 3 * walls_.count(), of_test = triaxial_ ? TriaxialTest::state_size : 0;
+    if (s.position.size() != n || s.scalars.size() != of_walls + of_test ||
         s.ledger.size() != 2 * (3 * integrals_.size() + 1))
         throw Error(
             ExitCode::input_invalid,
@@ -244,6 +248,10 @@ void Simulation::restore(const SavedState& s) {
                    });
     for (std::size_t w = 0; w < walls_.count(); ++w)
         walls_.set_point(w, {s.scalars[4 + 3 * w], s.scalars[5 + 3 * w], s.scalars[6 + 3 * w]});
+    if (triaxial_) {
+        triaxial_->set_state({s.scalars.data() + of_walls, of_test});
+        walls_.set_velocity(TriaxialTest::top_wall, {0, 0, triaxial_->velocity()});
+    }
 
     // The start's contacts are not ours.
     std::fill(pairs_.state.begin(), pairs_.state.end(), std::uint8_t{0});

@@ -55,7 +55,7 @@ void WallContacts::rebuild(const ParticleColumns& p, double margin,
     entries_.clear();
     first_.assign(p.owned + 1, 0);
     for (std::uint32_t row = 0; row < p.owned; ++row) {
-        for (std::uint32_t w = 0; w < walls_.size() && p.species[row] != Species::fixed; ++w) {
+        for (std::uint32_t w = 0; w < walls_.size() && p.species[row] == Species::grain; ++w) {
             if (distance(w, p.bodies[row].position.vec()) >= p.bodies[row].position.w + margin)
                 continue;
             Entry entry{row, w, {}, {}, {}, 0};

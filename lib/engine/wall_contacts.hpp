@@ -73,6 +73,7 @@ public:
     /// N. Across periodic sides the torque is that of the particles inside the box.
     std::vector<ExactSum> totals(const ParticleColumns& p, const Box& box, double scale) const;
     Vec3 point(std::size_t wall) const { return walls_[wall].point; }
+    void set_velocity(std::size_t wall, const Vec3& v) { walls_[wall].velocity = v; }
     void set_point(std::size_t wall, const Vec3& p) { walls_[wall].point = p; }
 
 private:

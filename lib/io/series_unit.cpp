@@ -23,7 +23,7 @@ std::string_view series_unit(std::string_view name) {
         return "";
     if (name == "time" || name.ends_with("_time"))
         return "s";
-    if (ends_with_any(name, {"stress", "pressure"}))
+    if (ends_with_any(name, {"stress", "pressure", "stress_target", "stress_top", "stress_bottom"}))
         return "Pa";
     if (ends_with_any(name, {"angular_velocity"}))
         return "rad s-1";
@@ -32,6 +32,8 @@ std::string_view series_unit(std::string_view name) {
     if (ends_with_any(name, {"energy", "work", "dissipation"}) ||
         full.find("energy/") != std::string_view::npos)
         return "J";
+    if (name == "area")
+        return "m2";
     if (ends_with_any(name, {"force"}))
         return "N";
     if (ends_with_any(name, {"torque"}))

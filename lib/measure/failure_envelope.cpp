@@ -8,8 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
-#include <map>
-#include <numbers>
+#include <numeric>
 #include <vector>
 
 namespace talus::measure {
@@ -29,20 +28,12 @@ double cohesion_of(double intercept, double slope) {
     return intercept / std::sqrt(1 - slope * slope);
 }
 
-/// Tests of equal confining stress (to 2 %, what a test is allowed to be off) are repeats.
 std::vector<std::vector<TestPeak>> repeats(std::span<const TestPeak> tests) {
-    std::vector<TestPeak> sorted(tests.begin(), tests.end());
-    std::stable_sort(sorted.begin(), sorted.end(),
-                     [](const auto& a, const auto& b) { return a.confining_stress < b.confining_stress; });
-    double largest = 0;
-    for (const TestPeak& t : sorted)
-        largest = std::max(largest, std::abs(t.confining_stress));
     std::vector<std::vector<TestPeak>> groups;
-    for (const TestPeak& t : sorted) {
-        if (groups.empty() ||
-            t.confining_stress - groups.back().front().confining_stress > 0.02 * std::max(largest, 1e-300))
-            groups.emplace_back();
-        groups.back().push_back(t);
+    const std::vector<std::size_t> group = confining_groups(tests);
+    for (std::size_t k = 0; k < tests.size(); ++k) {
+        groups.resize(std::max(groups.size(), group[k] + 1));
+        groups[group[k]].push_back(tests[k]);
     }
     return groups;
 }
@@ -72,6 +63,33 @@ void bootstrap(const std::vector<std::vector<TestPeak>>& groups, const EnvelopeO
 }
 
 } // namespace
+
+std::vector<std::size_t> confining_groups(std::span<const TestPeak> tests) {
+    std::vector<std::size_t> order(tests.size()), group(tests.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+        return tests[a].confining_stress < tests[b].confining_stress;
+    });
+    double largest = 0;
+    for (const TestPeak& t : tests)
+        largest = std::max(largest, std::abs(t.confining_stress));
+    std::size_t count = 0;
+    double first = 0;
+    for (std::size_t k : order) {
+        const double confining = tests[k].confining_stress;
+        if (count == 0 || confining - first > 0.02 * std::max(largest, 1e-300)) {
+            first = confining;
+            ++count;
+        }
+        group[k] = count - 1;
+    }
+    return group;
+}
+
+double fit_residual(const FailureEnvelope& envelope, const TestPeak& test) {
+    const double t = test.peak_deviatoric_stress / 2;
+    return t - envelope.intercept - envelope.slope * (test.confining_stress + t);
+}
 
 FailureEnvelope fit_failure_envelope(std::span<const TestPeak> tests, const EnvelopeOptions& options) {
     for (std::size_t k = 0; k < tests.size(); ++k) {

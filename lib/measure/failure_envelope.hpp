@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <vector>
 
 namespace talus::measure {
 
@@ -43,5 +45,12 @@ struct EnvelopeOptions {
 /// @throws Error(quality_not_reached) for fewer than two confining stresses, or a slope outside [0, 1)
 /// @throws Error(input_invalid) for a stress that is not finite or a deviatoric stress that is not positive
 FailureEnvelope fit_failure_envelope(std::span<const TestPeak> tests, const EnvelopeOptions& options = {});
+
+/// What a test's t lies above the fitted line at its s, Pa.
+double fit_residual(const FailureEnvelope& envelope, const TestPeak& test);
+
+/// For each test the number of its confining stress, from 0 for the smallest; stresses equal to 2 % of the
+/// largest (what a test is allowed to be off) are the same, and such tests repeats.
+std::vector<std::size_t> confining_groups(std::span<const TestPeak> tests);
 
 } // namespace talus::measure

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
-#include "measure/failure_envelope.hpp"
 #include "measure/packing.hpp"
+#include "measure/strength.hpp"
 #include "measure/travel.hpp"
-#include "measure/triaxial_curve.hpp"
 #include "terrain/outline.hpp"
 #include "terrain/raster.hpp"
 
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -24,16 +24,9 @@ struct Picture {
 /// g(r), S(k), overlaps and forces, single cells, slabs across the box.
 Picture packing_picture(const PackingMeasures& measures, const std::string& title);
 
-/// One test's curve with a name for the key; the curve may be empty (only the peak is known).
-struct NamedCurve {
-    std::string name;
-    TriaxialCurve curve;
-};
-
-/// Stress-strain curves where there are any, and Mohr circles with the envelope where it could be fitted,
-/// kPa.
-Picture triaxial_picture(const std::vector<NamedCurve>& curves, const std::vector<TestPeak>& peaks,
-                         const std::optional<FailureEnvelope>& envelope);
+/// Stress-strain curves and volumetric strains where there are any, and Mohr circles with the envelopes, kPa.
+/// One colour for each confining stress; the laboratory's dashed.
+Picture triaxial_picture(std::span<const TriaxialTest> tests, const Strength& strength);
 
 Picture travel_picture(const TravelHistogram& histogram, std::size_t particles);
 

@@ -243,67 +243,140 @@ Picture packing_picture(const PackingMeasures& m, const std::string& title) {
     return {t.take(), 1900, 960};
 }
 
-Picture triaxial_picture(const std::vector<NamedCurve>& curves, const std::vector<TestPeak>& peaks,
-                         const std::optional<FailureEnvelope>& envelope) {
+namespace {
+
+/// A text laid into a picture's key: the end of a long one.
+std::string short_name(const std::string& text) {
+    constexpr std::size_t most = 40;
+    return text.size() <= most ? text : "..." + text.substr(text.size() - most + 3);
+}
+
+/// How one test is drawn. Tests of one confining stress and origin share a line in the key: their number, or
+/// the name of the only one.
+struct TestStyle {
+    std::string line, key; ///< the key is empty for all but the first of those that share it
+    bool has_curve = false;
+};
+
+std::vector<TestStyle> test_styles(std::span<const TriaxialTest> tests) {
     static const std::vector<std::string> colours = {"#2166ac", "#b2182b", "#1b7837", "#762a83", "#e08214",
                                                      "#35978f", "#8c510a", "#c51b7d", "#4d4d4d"};
+    std::vector<TestPeak> peaks;
+    for (const TriaxialTest& test : tests)
+        peaks.push_back(test.peak);
+    const std::vector<std::size_t> group = confining_groups(peaks);
+    double largest = 0;
+    for (const TestPeak& p : peaks)
+        largest = std::max(largest, std::abs(p.confining_stress) + p.peak_deviatoric_stress);
+    std::vector<TestStyle> styles(tests.size());
+    for (std::size_t k = 0; k < tests.size(); ++k) {
+        std::size_t first = tests.size(), count = 0;
+        double confining = 0;
+        for (std::size_t other = 0; other < tests.size(); ++other)
+            if (group[other] == group[k] && tests[other].laboratory == tests[k].laboratory) {
+                first = std::min(first, other);
+                confining += peaks[other].confining_stress;
+                ++count;
+            }
+        styles[k].line = fmt::format("lines lw 1.5 {}lc rgb '{}'", tests[k].laboratory ? "dt 2 " : "",
+                                     colours[group[k] % colours.size()]);
+        styles[k].has_curve = !tests[k].curve.axial_strain.empty();
+        if (first != k)
+            continue;
+        confining /= static_cast<double>(count);
+        styles[k].key =
+            fmt::format("{:.4g} kPa, {}{}", std::abs(confining) < 1e-4 * largest ? 0 : confining / 1e3,
+                        tests[k].laboratory ? "laboratory, " : "",
+                        count == 1 ? short_name(tests[k].source) : fmt::format("{} tests", count));
+    }
+    return styles;
+}
+
+/// The data of one test: $curve (strain %, deviatoric stress kPa, volumetric strain % where it is there) and
+/// $circle (kPa).
+void test_data(Text& t, std::size_t k, const TriaxialTest& test) {
+    const TriaxialCurve& c = test.curve;
+    if (!c.axial_strain.empty()) {
+        t.add("$curve{} << EOD", k);
+        const std::size_t every = std::max<std::size_t>(1, c.axial_strain.size() / 2000);
+        for (std::size_t row = 0; row < c.axial_strain.size(); row += every)
+            t.add("{:.6g} {:.6g} {:.6g}", 100 * c.axial_strain[row], c.deviatoric_stress[row] / 1e3,
+                  c.volumetric_strain.empty() ? 0 : 100 * c.volumetric_strain[row]);
+        t.add("EOD");
+    }
+    t.add("$circle{} << EOD", k);
+    const double r = test.peak.peak_deviatoric_stress / 2e3, s = test.peak.confining_stress / 1e3 + r;
+    for (int step = 0; step <= 90; ++step)
+        t.add("{:.6g} {:.6g}", s - r * std::cos(step * std::numbers::pi / 90),
+              r * std::sin(step * std::numbers::pi / 90));
+    t.add("EOD");
+}
+
+std::string envelope_plot(const FailureEnvelope& e, const char* name, const char* look) {
+    return fmt::format(", {:.8g} + x * {:.8g} with lines {} title '{}c = {:.2f} kPa, phi = {:.2f} deg'",
+                       e.cohesion / 1e3, std::tan(e.internal_friction_angle), look, name, e.cohesion / 1e3,
+                       e.internal_friction_angle * 180 / std::numbers::pi);
+}
+
+} // namespace
+
+Picture triaxial_picture(std::span<const TriaxialTest> tests, const Strength& strength) {
     Text t;
-    std::vector<std::size_t> drawn;
-    for (std::size_t k = 0; k < curves.size(); ++k)
-        if (!curves[k].curve.axial_strain.empty()) {
-            drawn.push_back(k);
-            t.add("$curve{} << EOD", k);
-            const TriaxialCurve& c = curves[k].curve;
-            const std::size_t every = std::max<std::size_t>(1, c.axial_strain.size() / 2000);
-            for (std::size_t row = 0; row < c.axial_strain.size(); row += every)
-                t.add("{:.6g} {:.6g}", 100 * c.axial_strain[row], c.deviatoric_stress[row] / 1e3);
-            t.add("EOD");
-        }
+    const std::vector<TestStyle> styles = test_styles(tests);
     double largest = 0, smallest = 0, highest = 0;
-    for (const TestPeak& p : peaks) {
+    bool curves = false, volumes = false;
+    for (std::size_t k = 0; k < tests.size(); ++k) {
+        test_data(t, k, tests[k]);
+        const TestPeak& p = tests[k].peak;
         largest = std::max(largest, (p.confining_stress + p.peak_deviatoric_stress) / 1e3);
         smallest = std::min(smallest, p.confining_stress / 1e3);
         highest = std::max(highest, p.peak_deviatoric_stress / 2e3);
+        curves = curves || styles[k].has_curve;
+        volumes = volumes || !tests[k].curve.volumetric_strain.empty();
     }
-    for (std::size_t k = 0; k < peaks.size(); ++k) {
-        t.add("$circle{} << EOD", k);
-        const double r = peaks[k].peak_deviatoric_stress / 2e3, s = peaks[k].confining_stress / 1e3 + r;
-        for (int step = 0; step <= 90; ++step)
-            t.add("{:.6g} {:.6g}", s - r * std::cos(step * std::numbers::pi / 90),
-                  r * std::sin(step * std::numbers::pi / 90));
-        t.add("EOD");
+    // One plot command with a line for each test that has what is drawn.
+    const auto lines = [&](const char* data, const char* columns, const auto& drawn, const auto& named) {
+        std::string out;
+        for (std::size_t k = 0; k < tests.size(); ++k)
+            if (drawn(k))
+                out += fmt::format("{}${}{} using {} with {} {}", out.empty() ? "plot " : ", ", data, k,
+                                   columns, styles[k].line,
+                                   styles[k].key.empty() || !named(k) ? "notitle"
+                                                                      : "title " + quoted(styles[k].key));
+        return out;
+    };
+    const auto with_curve = [&](std::size_t k) { return styles[k].has_curve; };
+    t.add("{}set key outside bottom center vertical maxrows 6 noenhanced", style);
+    if (curves) {
+        t.add("set multiplot layout 1,{}", volumes ? 3 : 2);
+        t.add("set title 'Triaxial tests'\nset xlabel 'axial strain (%)' offset 0,0.4\nset ylabel "
+              "'deviatoric stress "
+              "(kPa)'\nset xrange [0:*]\nset yrange [0:*]");
+        t.add("{}", lines("curve", "1:2", with_curve, with_curve));
     }
-    t.add("{}set key outside bottom center vertical maxrows 5 noenhanced", style);
-    if (!drawn.empty()) {
-        t.add("set multiplot layout 1,2\nset title 'Triaxial tests'");
-        t.add("set xlabel 'axial strain (%)'\nset ylabel 'deviatoric stress (kPa)'\nset xrange [0:*]\nset "
-              "yrange [0:*]");
-        std::string plots;
-        for (std::size_t k : drawn)
-            plots += fmt::format("{}$curve{} using 1:2 with lines lw 1.5 lc rgb '{}' title {}",
-                                 plots.empty() ? "" : ", ", k, colours[k % colours.size()],
-                                 quoted(curves[k].name));
-        t.add("plot {}", plots);
+    if (volumes) {
+        t.add("set title 'Change of volume'\nset ylabel 'volumetric strain (%), compression "
+              "positive'\nset yrange [*:*]\nset xzeroaxis lc rgb '#808080'");
+        const auto with_volume = [&](std::size_t k) { return !tests[k].curve.volumetric_strain.empty(); };
+        t.add("{}", lines("curve", "1:3", with_volume, with_volume));
+        t.add("unset xzeroaxis");
     }
     t.add("set title 'Mohr circles at the peak'\nset xlabel 'normal stress (kPa)'\nset ylabel 'shear stress "
           "(kPa)'");
     t.add("set size ratio -1\nset xrange [{}:{}]\nset yrange [0:{}]", smallest, 1.05 * largest,
           std::max(1.35 * highest, 0.45 * largest));
-    std::string plots;
-    for (std::size_t k = 0; k < peaks.size(); ++k)
-        plots += fmt::format(
-            "{}$circle{} using 1:2 with lines lw 1.5 lc rgb '{}' title 'confining stress {:.4g} kPa'",
-            plots.empty() ? "" : ", ", k, colours[k % colours.size()], peaks[k].confining_stress / 1e3);
-    if (envelope)
-        plots += fmt::format(
-            "{}{:.8g} + x * {:.8g} with lines lw 2 lc rgb '#202020' title 'c = {:.2f} kPa, phi = {:.2f} "
-            "deg'",
-            plots.empty() ? "" : ", ", envelope->cohesion / 1e3, std::tan(envelope->internal_friction_angle),
-            envelope->cohesion / 1e3, envelope->internal_friction_angle * 180 / std::numbers::pi);
-    t.add("plot {}", plots);
-    if (!drawn.empty())
+    std::string plots = lines(
+        "circle", "1:2", [](std::size_t) { return true; },
+        [&](std::size_t k) { return !with_curve(k); }); // the others are named beside their curves
+    plots += envelope_plot(strength.peak, "", "lw 2 lc rgb '#202020'");
+    if (strength.residual)
+        plots += envelope_plot(*strength.residual, "residual: ", "lw 2 dt 3 lc rgb '#606060'");
+    if (strength.laboratory)
+        plots += envelope_plot(*strength.laboratory, "laboratory: ", "lw 2 dt 2 lc rgb '#202020'");
+    t.add("{}", plots);
+    if (curves)
         t.add("unset multiplot");
-    return {t.take(), drawn.empty() ? 800 : 1250, 560};
+    return {t.take(), volumes ? 1800 : curves ? 1250 : 800, 600};
 }
 
 Picture travel_picture(const TravelHistogram& h, std::size_t particles) {

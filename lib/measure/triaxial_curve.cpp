@@ -2,10 +2,12 @@
 #include "measure/triaxial_curve.hpp"
 
 #include "base/error.hpp"
+#include "measure/statistics.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <span>
 
 namespace talus::measure {
 
@@ -39,15 +41,70 @@ std::vector<double> smoothed(const std::vector<double>& strain, const std::vecto
     return out;
 }
 
+/// Slope of y on the rising x; none for fewer than three samples or no rise.
+std::optional<double> slope(std::span<const double> x, std::span<const double> y) {
+    if (x.size() < 3 || !(x.back() - x.front() > 1e-9 * x.back()))
+        return std::nullopt;
+    return fit_line(x, y).slope;
+}
+
+/// Smallest slope of the volumetric strain over all windows that begin at a sample up to `last_begin` and lie
+/// within the record, as sin(psi).
+void find_dilatancy(std::span<const double> strain, std::span<const double> volumetric, double last_begin,
+                    double width, TriaxialResult& out) {
+    double steepest = 2; // sin(psi) needs a slope below
+    // Sums of the window's samples, relative to the record's middle.
+    const double x0 = strain[strain.size() / 2], y0 = volumetric[strain.size() / 2];
+    double sx = 0, sy = 0, sxx = 0, sxy = 0;
+    const auto count = [&](std::size_t k, double sign) {
+        const double x = strain[k] - x0, y = volumetric[k] - y0;
+        sx += sign * x;
+        sy += sign * y;
+        sxx += sign * x * x;
+        sxy += sign * x * y;
+    };
+    std::size_t end = 0;
+    for (std::size_t first = 0; first < strain.size() && strain[first] <= last_begin; ++first) {
+        const double reach = strain[first] + width * (1 + 1e-9);
+        if (strain.back() < strain[first] + width * (1 - 1e-9))
+            break;
+        while (end < strain.size() && strain[end] <= reach)
+            count(end++, 1);
+        const auto n = static_cast<double>(end - first);
+        if (n >= 3 && strain[end - 1] - strain[first] >= width / 2) {
+            const double r = (n * sxy - sx * sy) / (n * sxx - sx * sx);
+            if (r < steepest) {
+                steepest = r;
+                out.dilatancy_strain = strain[first] + width / 2;
+            }
+        }
+        count(first, -1);
+    }
+    if (out.dilatancy_strain)
+        out.dilatancy_angle = std::asin(std::clamp(-steepest / (2 - steepest), -1.0, 1.0));
+}
+
+void compare_with_target(const TriaxialCurve& curve, std::size_t begin, double tolerance,
+                         TriaxialResult& out) {
+    if (curve.confining_stress_target.empty())
+        return;
+    const double asked = mean(std::span(curve.confining_stress_target).subspan(begin));
+    const double scale = asked != 0 ? std::abs(asked) : out.peak_deviatoric_stress;
+    out.confining_stress_asked = asked;
+    out.held = std::abs(out.confining_stress - asked) <= tolerance * scale;
+}
+
 } // namespace
 
-TriaxialResult analyse_triaxial(const TriaxialCurve& curve, double smoothing) {
+TriaxialResult analyse_triaxial(const TriaxialCurve& curve, const TriaxialOptions& options) {
     const std::size_t rows = curve.axial_strain.size();
     require_column(curve.axial_strain, rows, "axial_strain");
     require_column(curve.deviatoric_stress, rows, "deviatoric_stress");
     require_column(curve.confining_stress, rows, "confining_stress");
     if (!curve.volumetric_strain.empty())
         require_column(curve.volumetric_strain, rows, "volumetric_strain");
+    if (!curve.confining_stress_target.empty())
+        require_column(curve.confining_stress_target, rows, "confining_stress_target");
 
     // The shear begins after the last sample of the consolidation, whose axial strain is not above zero.
     std::size_t begin = rows;
@@ -74,7 +131,7 @@ TriaxialResult analyse_triaxial(const TriaxialCurve& curve, double smoothing) {
     for (std::size_t k = begin; k < rows; ++k)
         out.confining_stress_deviation = std::max(out.confining_stress_deviation,
                                                   std::abs(curve.confining_stress[k] - out.confining_stress));
-    const std::vector<double> q = smoothed(strain, stress, smoothing);
+    const std::vector<double> q = smoothed(strain, stress, options.smoothing);
     const auto peak = static_cast<std::size_t>(std::max_element(q.begin(), q.end()) - q.begin());
     out.peak_deviatoric_stress = q[peak];
     out.peak_strain = strain[peak];
@@ -104,6 +161,23 @@ TriaxialResult analyse_triaxial(const TriaxialCurve& curve, double smoothing) {
                 out.secant_modulus = half / at;
             break;
         }
+
+    std::size_t above = peak; // from here to the peak nothing is below the part
+    while (above > 0 && q[above - 1] >= options.modulus_part * out.peak_deviatoric_stress)
+        --above;
+    const std::size_t from = begin == 1 && curve.axial_strain.front() == 0 ? 0 : begin;
+    const auto part = [&](const std::vector<double>& column) {
+        return std::span(column).subspan(from, begin + above - from);
+    };
+    out.youngs_modulus = slope(part(curve.axial_strain), part(curve.deviatoric_stress));
+    if (!curve.volumetric_strain.empty()) {
+        if (const auto rise = slope(part(curve.axial_strain), part(curve.volumetric_strain)))
+            out.poissons_ratio = (1 - *rise) / 2;
+        find_dilatancy(std::span(curve.axial_strain).subspan(from),
+                       std::span(curve.volumetric_strain).subspan(from), out.peak_strain,
+                       options.dilatancy_window, out);
+    }
+    compare_with_target(curve, begin, options.confining_tolerance, out);
     return out;
 }
 

@@ -29,6 +29,11 @@ bool moves(const ParticleColumns& p, std::uint32_t row) {
     return p.species[p.owner(row)] != Species::fixed;
 }
 
+/// Particles of a membrane are held together by its edges, not by contacts.
+bool both_of_membrane(const ParticleColumns& p, std::uint32_t i, std::uint32_t j) {
+    return p.species[p.owner(i)] == Species::membrane && p.species[p.owner(j)] == Species::membrane;
+}
+
 Candidate by_id(const ParticleColumns& p, std::uint32_t a, std::uint32_t b) {
     return p.id[a] <= p.id[b] ? Candidate{a, b} : Candidate{b, a};
 }
@@ -134,7 +139,8 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
                 points_[c].near(self.vec(), self.w * factor + margin + share[row], near);
                 for (const std::uint32_t j : near)
                     if (j != i &&
-                        (c < own || (c == own ? holder(p, i, j) == i : !moves(p, j) || p.in_halo(j))))
+                        (c < own || (c == own ? holder(p, i, j) == i : !moves(p, j) || p.in_halo(j))) &&
+                        !both_of_membrane(p, i, j))
                         found.push_back(j);
             }
             first_[row + 1] = static_cast<std::uint32_t>(found.size() - before);

@@ -163,8 +163,8 @@ TEST(TriaxialCurve, SmoothingTakesTheSpikeOff) {
     TriaxialCurve c = curve(3e5, 1.5e5, 0.12);
     c.deviatoric_stress[800] = 9e5;
     EXPECT_DOUBLE_EQ(analyse_triaxial(c).peak_deviatoric_stress, 9e5);
-    EXPECT_LT(analyse_triaxial(c, 0.004).peak_deviatoric_stress, 3e5);
-    EXPECT_NEAR(analyse_triaxial(c, 0.004).peak_strain, 0.02, 0.0015);
+    EXPECT_LT(analyse_triaxial(c, {.smoothing = 0.004}).peak_deviatoric_stress, 3e5);
+    EXPECT_NEAR(analyse_triaxial(c, {.smoothing = 0.004}).peak_strain, 0.02, 0.0015);
 }
 
 TEST(TriaxialCurve, BadRecordsAreRefused) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "dem_run/recorder.hpp"
 
+#include "base/error.hpp"
 #include "cli/signals.hpp"
 
 #include <algorithm>
@@ -94,6 +95,28 @@ void Recorder::series(const engine::Simulation& s) {
             row.emplace_back(prefix + "force_" + "xyz"[k], loads[w].force[k]);
             row.emplace_back(prefix + "torque_" + "xyz"[k], loads[w].torque[k]);
         }
+    if (scene_.triaxial) {
+        if (const auto grain = s.outside_membrane())
+            throw Error(
+                ExitCode::run_failed,
+                fmt::format("particle {}: stands outside the membrane at t = {:.6g} s: give it smaller "
+                            "particles (triaxial.membrane_radius) or a larger modulus",
+                            *grain, s.time()));
+        const engine::TriaxialMeasures m = s.triaxial_measures();
+        const auto add = [&](const char* name, double value) {
+            row.emplace_back(std::string("triaxial/") + name, value);
+        };
+        add("axial_strain", m.axial_strain);
+        add("volumetric_strain", m.volumetric_strain);
+        add("axial_stress", m.axial_stress);
+        add("axial_stress_top", m.axial_stress_top);
+        add("axial_stress_bottom", m.axial_stress_bottom);
+        add("confining_stress", m.confining_stress);
+        add("confining_stress_target", m.confining_stress_target);
+        add("deviatoric_stress", m.deviatoric_stress());
+        add("height", m.height);
+        add("area", m.area);
+    }
     std::sort(row.begin(), row.end()); // as a reader lists them, so that a resumed file is like a whole one
     writer_.series(row);
 }

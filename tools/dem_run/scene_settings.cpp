@@ -84,6 +84,7 @@ SceneSettings::SceneSettings(cli::Settings& s) : settings_(s) {
     s.strings("output.fields", fields, "of position, velocity, angular_velocity, force");
     s.flag("output.float64", float64, "frames in double precision");
     add_stages();
+    add_triaxial();
     s.check([this] { check(); });
 }
 
@@ -169,7 +170,47 @@ void SceneSettings::add_stages() {
         "parts of the run, one after the other");
 }
 
+void SceneSettings::add_triaxial() {
+    cli::Settings& s = settings_;
+    engine::Triaxial& t = triaxial_;
+    s.optional_section("triaxial",
+                       "a triaxial test of the model's grains: platens, membrane, stages of its own");
+    s.number("triaxial.confining_stress", t.confining_stress, Unit::pressure, "that the membrane carries",
+             cli::not_negative);
+    s.number("triaxial.platen_velocity", t.platen_velocity, Unit::velocity, "of the top platen, downwards",
+             cli::positive);
+    s.number("triaxial.axial_strain", t.axial_strain, Unit::none, "at which the test ends",
+             {0, 0.5, true, false});
+    s.number("triaxial.velocity_ramp", t.velocity_ramp, Unit::none,
+             "axial strain over which the platen comes to its speed", {0, 0.1});
+    s.number("triaxial.bedding", t.bedding, Unit::none,
+             "how far the platens stand in the specimen's uneven ends, in mean radii", {0, 1});
+    s.optional_number("triaxial.platen_friction", t.platen_friction, Unit::none, "auto: the grains'",
+                      cli::not_negative);
+    s.optional_number("triaxial.membrane_youngs_modulus", t.membrane_youngs_modulus, Unit::pressure,
+                      "of the sheet; auto: a thousandth of the grains'", cli::positive);
+    s.optional_number("triaxial.membrane_radius", t.membrane_radius, Unit::length,
+                      "of its particles; auto: the grains' mean", cli::positive);
+    s.number("triaxial.membrane_friction", t.membrane_friction, Unit::none, "between membrane and grains",
+             cli::not_negative);
+    s.number("triaxial.membrane_damping", t.membrane_damping, Unit::none, "of its edges, of critical damping",
+             {0, 1});
+    s.optional_number("triaxial.consolidation_time", t.consolidation_time, Unit::time,
+                      "in which the confining stress comes up; auto: 20 times a wave through the specimen",
+                      cli::positive);
+    s.number("triaxial.consolidation_limit", t.consolidation_limit, Unit::none,
+             "of that time, after which the shear begins in any case", {1, 1000});
+    s.number("triaxial.consolidation_tolerance", t.consolidation_tolerance, Unit::none,
+             "of the confining stress, to which both stresses are brought first", cli::positive);
+}
+
 void SceneSettings::check() const {
+    const bool test = settings_.given("triaxial");
+    for (const char* key : {"stages", "walls", "time.end", "box"})
+        if (test && (settings_.given(key) || (std::string(key) == "time.end" && end_)))
+            settings_.reject(key, "found beside triaxial, expected none: the test brings its own");
+    if (test && settings_.given("gravity") && norm(scene_.gravity) != 0)
+        settings_.reject("gravity", "found some beside triaxial, expected none: the test is without gravity");
     if (sleep_tolerance_ != 0)
         settings_.reject("sleep.tolerance",
                          "found a value above 0, expected 0: this version computes every grain");
@@ -203,7 +244,7 @@ void SceneSettings::check() const {
         for (int k = 0; k < 3; ++k)
             if (!(box_.upper[k] > box_.lower[k]))
                 settings_.reject("box.upper", "found a corner not above box.lower, expected upper > lower");
-    if (stages_.empty() && !end_ && !settings_.given("time.end"))
+    if (!test && stages_.empty() && !end_ && !settings_.given("time.end"))
         settings_.reject("time.end", "found neither time.end nor stages, expected one of them");
     if (!stages_.empty() && end_)
         settings_.reject("time.end", "found both time.end and stages, expected one of them");
@@ -264,7 +305,10 @@ engine::Scene SceneSettings::scene() const {
         stage.viscous_damping = t->viscous;
         scene.stages.push_back(stage);
     }
-    if (scene.stages.empty()) {
+    if (settings_.given("triaxial")) {
+        scene.triaxial = triaxial_;
+        scene.gravity = {};
+    } else if (scene.stages.empty()) {
         engine::Stage whole;
         whole.end = end_.value_or(0);
         scene.stages.push_back(whole);

@@ -39,11 +39,13 @@ private:
     void add_materials();
     void add_walls();
     void add_stages();
+    void add_triaxial();
     void check() const;
 
     cli::Settings& settings_;
     engine::Scene scene_;
     BondMaterial bond_;
+    engine::Triaxial triaxial_;
     Box box_;
     std::optional<double> end_;
     contact::LinearLaw linear_;

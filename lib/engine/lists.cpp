@@ -346,9 +346,9 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
         }
     });
     strain_since_rebuild_ = {1, 1, 1};
-    walls_.rebuild(p, wall_skin_, order);
     if (membrane_.any())
         membrane_.set_rows(p);
+    walls_.rebuild(p, wall_skin_, order, membrane_);
     give_walls(carried.walls);
     wall_travel_ = wall_used_ = 0;
     ++rebuilds_;

@@ -28,7 +28,8 @@ struct Triaxial {
     double bedding = 0; ///< of the mean radius: how far the platens stand in the specimen's uneven ends
     std::optional<double> platen_friction; ///< empty: the grains'
 
-    std::optional<double> membrane_youngs_modulus; ///< Pa; empty: a thousandth of the grains'
+    std::optional<double> membrane_youngs_modulus; ///< Pa; empty: a thousandth of the grains', or 2.5
+                                                   ///< confining stresses where that is more
     std::optional<double> membrane_radius;         ///< m, of its particles; empty: the grains' mean
     double membrane_friction = 0;                  ///< against grains
     double membrane_damping = 0.2;                 ///< of its edges, of their critical damping

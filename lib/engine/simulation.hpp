@@ -284,6 +284,7 @@ private:
     std::string near_particles(std::size_t row) const;
     void add_viscous_power();
     TriaxialTest::Shape specimen_shape() const;
+    double platen_force(std::size_t wall) const;
     void press_membrane();
     void feel_membrane();
     void drive_platen();

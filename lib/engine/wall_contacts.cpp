@@ -48,14 +48,15 @@ void WallContacts::move(double dt) {
         wall.point += dt * wall.velocity;
 }
 
-void WallContacts::rebuild(const ParticleColumns& p, double margin,
-                           const std::vector<std::uint32_t>& old_row) {
+void WallContacts::rebuild(const ParticleColumns& p, double margin, const std::vector<std::uint32_t>& old_row,
+                           const Membrane& membrane) {
     const std::vector<Entry> old = std::move(entries_);
     const std::vector<std::uint32_t> old_first = std::move(first_);
     entries_.clear();
     first_.assign(p.owned + 1, 0);
     for (std::uint32_t row = 0; row < p.owned; ++row) {
-        for (std::uint32_t w = 0; w < walls_.size() && p.species[row] == Species::grain; ++w) {
+        const bool held = p.species[row] == Species::fixed || membrane.clamped_row(row);
+        for (std::uint32_t w = 0; w < walls_.size() && !held; ++w) {
             if (distance(w, p.bodies[row].position.vec()) >= p.bodies[row].position.w + margin)
                 continue;
             Entry entry{row, w, {}, {}, {}, 0};

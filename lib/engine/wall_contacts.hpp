@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include "base/thread_team.hpp"
+#include "engine/membrane.hpp"
 #include "engine/pair_kernel.hpp"
 #include "engine/scene.hpp"
 
@@ -32,9 +33,10 @@ public:
     bool moving() const;
     void move(double dt);
 
-    /// Lists particles with distance to a wall < r + margin; keeps the history of those listed before, in row
-    /// old_row[row] (beyond all rows: nowhere).
-    void rebuild(const ParticleColumns& p, double margin, const std::vector<std::uint32_t>& old_row);
+    /// Lists particles that may move with distance to a wall < r + margin; keeps the history of those listed
+    /// before, in row old_row[row] (beyond all rows: nowhere).
+    void rebuild(const ParticleColumns& p, double margin, const std::vector<std::uint32_t>& old_row,
+                 const Membrane& membrane);
     /// Sets the offsets so that all present overlaps are stress-free.
     void set_stress_free(const ParticleColumns& p);
     void compute(const ParticleColumns& p, double step, ThreadTeam& team, std::vector<Tally>& tallies);

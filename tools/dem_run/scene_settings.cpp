@@ -188,7 +188,8 @@ void SceneSettings::add_triaxial() {
     s.optional_number("triaxial.platen_friction", t.platen_friction, Unit::none, "auto: the grains'",
                       cli::not_negative);
     s.optional_number("triaxial.membrane_youngs_modulus", t.membrane_youngs_modulus, Unit::pressure,
-                      "of the sheet; auto: a thousandth of the grains'", cli::positive);
+                      "of the sheet; auto: a thousandth of the grains', at least 2.5 confining stresses",
+                      cli::positive);
     s.optional_number("triaxial.membrane_radius", t.membrane_radius, Unit::length,
                       "of its particles; auto: the grains' mean", cli::positive);
     s.number("triaxial.membrane_friction", t.membrane_friction, Unit::none, "between membrane and grains",

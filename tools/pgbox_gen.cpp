@@ -316,12 +316,24 @@ void register_servo(cli::Settings& s, Settings& all) {
     s.number("servo.step_fraction", c.step_fraction, Unit::none, "time step over the Rayleigh time",
              {0, 0.25, true, false});
     s.check([&s, &all] {
-        if (all.route != "compress" || all.compress.material.friction == 0)
+        const bool sediment = all.route == "sediment";
+        if (!sediment && all.compress.material.friction == 0)
             return;
-        for (const char* key : {"coordination_number", "coordination_tolerance", "overcompression",
-                                "quench_unbalanced_force", "unbalanced_force", "attempts", "iterations"})
-            if (s.given(key))
-                s.reject(key, "found with friction, expected without: see servo.*");
+        // Not what was given but what differs: a configuration that was printed names everything.
+        const packing::CompressSettings &given = all.compress, usual;
+        const std::pair<const char*, bool> of_compress[] = {
+            {"coordination_number", given.coordination_number.has_value()},
+            {"coordination_tolerance", given.coordination_tolerance.has_value() && all.variants.count < 2},
+            {"overcompression", given.overcompression.has_value()},
+            {"quench_unbalanced_force", given.quench_unbalanced_force != usual.quench_unbalanced_force},
+            {"unbalanced_force", given.unbalanced_force.has_value()},
+            {"attempts", given.attempts != usual.attempts},
+            {"iterations", given.iterations != usual.iterations}};
+        for (const auto& [key, changed] : of_compress)
+            if (changed)
+                s.reject(key, sediment
+                                  ? "found with --route sediment, expected --route compress: see sediment.*"
+                                  : "found with friction, expected without: see servo.*");
     });
 }
 

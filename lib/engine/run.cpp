@@ -23,7 +23,8 @@ bool due(std::int64_t stage_step, double interval, double dt) {
 
 bool ended(const Simulation& simulation, const Stage& stage, std::int64_t stage_step) {
     const double dt = simulation.time_step().step, time = static_cast<double>(stage_step) * dt;
-    const double last = stage.until_rest ? stage.limit : stage.end;
+    const bool waits = stage.until_rest || stage.kind == Stage::Kind::consolidate;
+    const double last = waits ? stage.limit : stage.end;
     if (time >= last * (1 - 1e-12))
         return true;
     if (stage.kind != Stage::Kind::plain)

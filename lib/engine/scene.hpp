@@ -46,8 +46,8 @@ struct Stage {
     Kind kind = Kind::plain; ///< the others belong to a triaxial test and end by themselves
     std::string name = "run";
     bool until_rest = false;               ///< ends at rest, at the latest after `limit`
-    double limit = 0;                      ///< s, with until_rest
-    double end = 0;                        ///< s, without
+    double limit = 0;                      ///< s, with until_rest; of a consolidation
+    double end = 0;                        ///< s, without; of a consolidation as expected
     bool release = false;                  ///< at its start breaks every bond across the rupture surface
     bool release_mass = false;             ///< at its start breaks also the bonds within the released mass
     std::optional<double> viscous_damping; ///< 1/s, instead of the scene's

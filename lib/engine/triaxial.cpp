@@ -16,6 +16,8 @@ namespace {
 constexpr double weight_of_clamped = 1e12;
 /// Wave times in which the confining stress comes up by default.
 constexpr double waves_of_consolidation = 20;
+/// Times its ramp that consolidation usually takes.
+constexpr double usual_consolidation = 1.2;
 /// Part of the confining stress from which on the pressure follows what is felt.
 constexpr double least_controlled = 0.2;
 /// Least mean radii of a specimen's radius: below, a membrane of its grains' size is no surface.
@@ -177,7 +179,8 @@ void prepare_triaxial(Scene& scene, Grains& grains) {
         Stage consolidate;
         consolidate.kind = Stage::Kind::consolidate;
         consolidate.name = "consolidate";
-        consolidate.end = t.consolidation_limit * times.ramp;
+        consolidate.end = usual_consolidation * times.ramp;
+        consolidate.limit = t.consolidation_limit * times.ramp;
         scene.stages.push_back(consolidate);
     }
     Stage shear;

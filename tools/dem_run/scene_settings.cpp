@@ -207,10 +207,14 @@ void SceneSettings::add_triaxial() {
 
 void SceneSettings::check() const {
     const bool test = settings_.given("triaxial");
-    for (const char* key : {"stages", "walls", "time.end", "box"})
-        if (test && (settings_.given(key) || (std::string(key) == "time.end" && end_)))
+    const std::pair<const char*, bool> of_others[] = {{"stages", !stages_.empty()},
+                                                      {"walls", !walls_.empty()},
+                                                      {"time.end", end_.has_value()},
+                                                      {"box", settings_.given("box")}};
+    for (const auto& [key, found] : of_others)
+        if (test && found)
             settings_.reject(key, "found beside triaxial, expected none: the test brings its own");
-    if (test && settings_.given("gravity") && norm(scene_.gravity) != 0)
+    if (test && norm(scene_.gravity) != 0 && scene_.gravity != engine::Scene{}.gravity)
         settings_.reject("gravity", "found some beside triaxial, expected none: the test is without gravity");
     if (sleep_tolerance_ != 0)
         settings_.reject("sleep.tolerance",

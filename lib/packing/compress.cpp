@@ -17,11 +17,8 @@ namespace {
 
 /// Below this frictionless grains never jam (about 0.636 to 0.64 do), so there is nothing to converge to.
 constexpr double loosest = 0.62;
-/// Force evaluations after which a start is given up that is not in balance: one in four jams so barely that
-/// it would take ten times as many as the others (5,660 grains: some 24,000).
-constexpr std::int64_t longest_relaxation = 60000;
-/// What is then below this is taken, where no limit was asked for.
-constexpr double still_balanced = 9e-4;
+/// Force evaluations after which a start is given up that is not in balance.
+constexpr std::int64_t longest_relaxation = MinimiseLimits{}.patience;
 /// The published coordination numbers belong to this fraction; away from it "auto" only asks for a jammed
 /// box.
 constexpr double published_fraction = 0.64, published_range = 0.0015;

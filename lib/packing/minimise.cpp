@@ -32,7 +32,8 @@ Minimum minimise(SoftSpheres& spheres, const MinimiseLimits& limits,
         const ContactSums sums = spheres.compute_forces();
         result.sums = sums;
         result.jammed = sums.mean_overlap() > limits.unjammed_overlap * spheres.mean_diameter();
-        if (!result.jammed || sums.unbalanced_force() < limits.unbalanced_force) {
+        if (!result.jammed || sums.unbalanced_force() < limits.unbalanced_force ||
+            (result.iterations >= limits.patience && sums.unbalanced_force() < limits.still_balanced)) {
             result.converged = true;
             return result;
         }

@@ -644,6 +644,9 @@ void Route::minimise_energy() {
     SoftSpheres spheres(reduced, radius, team_);
     MinimiseLimits limits;
     limits.unbalanced_force = balance();
+    limits.iterations = 400000;
+    if (!s_.unbalanced_force)
+        limits.still_balanced = still_balanced;
     const auto note = [&](std::int64_t iteration, const ContactSums& sums) {
         SedimentState state;
         state.stage = stage_;

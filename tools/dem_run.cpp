@@ -112,11 +112,10 @@ Start from_checkpoint(const io::CheckpointReader& file, const Start* like,
 }
 
 /// The engine does not know files: what it finds wrong with the particles gets the input's name here.
-std::unique_ptr<engine::Simulation> make_simulation(const engine::Scene& scene, const Grains& grains,
-                                                    ThreadTeam& team, const std::string& input,
-                                                    const parallel::Communicator& world) {
+template <class Make>
+auto named(const std::string& input, Make make) {
     try {
-        return std::make_unique<engine::Simulation>(scene, grains, team, world);
+        return make();
     } catch (const Error& error) {
         if (error.code() == ExitCode::input_invalid)
             throw Error(error.code(), input + ": " + error.what());
@@ -294,7 +293,7 @@ int main(int argc, char** argv) {
                 throw Error(
                     ExitCode::configuration_invalid,
                     "triaxial: found several MPI ranks, expected one: use threads, and one task a test");
-            engine::prepare_triaxial(scene, start.grains);
+            named(input, [&] { engine::prepare_triaxial(scene, start.grains); });
         };
         if (!usable.empty() || input_is_checkpoint) {
             const io::CheckpointReader file(usable.empty() ? input : usable);
@@ -318,7 +317,8 @@ int main(int argc, char** argv) {
             throw Error(ExitCode::configuration_invalid,
                         "stages: the checkpoint's stage is not in this scene; "
                         "resume with the scene it was made with");
-        const auto simulation_ptr = make_simulation(scene, start.grains, team, input, world);
+        const auto simulation_ptr = named(
+            input, [&] { return std::make_unique<engine::Simulation>(scene, start.grains, team, world); });
         engine::Simulation& simulation = *simulation_ptr;
         tool.note(simulation.time_step().reason);
         if (common.dry_run) {

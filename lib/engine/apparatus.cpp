@@ -25,6 +25,14 @@ void Simulation::make_apparatus(const Grains& grains) {
     const double modulus = t.membrane_youngs_modulus.value_or(std::max(
         part_of_youngs_modulus * scene_.material.youngs_modulus, least_of_stress * t.confining_stress));
     membrane_ = Membrane(grains, modulus, t.membrane_damping);
+    if (time_step_.step > membrane_.stable_step() && !scene_.allow_unstable)
+        throw Error(
+            ExitCode::configuration_invalid,
+            fmt::format("triaxial.membrane_youngs_modulus: {:.4g} Pa is stable up to a step of {:.4g} s, "
+                        "found {:.4g} s: take a softer membrane or a smaller time.step, or set "
+                        "time.allow_unstable",
+                        modulus, membrane_.stable_step(), time_step_.step));
+    mobile_ -= 2 * membrane_.around(); // those at the platens go with these
     triaxial_.emplace(t, scene_.material,
                       walls_.point(TriaxialTest::top_wall).z - walls_.point(TriaxialTest::bottom_wall).z);
 }
@@ -40,35 +48,36 @@ void Simulation::press_membrane() {
     membrane_.compute(particles_, triaxial_->pressure(step_, time_step_.step, specimen_shape()), team_);
 }
 
-/// What the grains push with: all that moved the nodes in this sweep, less pressure, edges and drag.
-void Simulation::feel_membrane() {
+/// What the grains push with: all that moved the nodes in this sweep, less pressure, edges and drag. Taken in
+/// single precision, as the rows that have moved keep it: the same bits whether they have or not.
+void Simulation::feel_apparatus() {
+    const double half = 0.5 * time_step_.step;
     for (std::size_t n = 0; n < membrane_.nodes(); ++n) {
         const std::uint32_t row = membrane_.row_of_node(n);
         const Body& body = particles_.bodies[row];
-        Vec3 a = net_.acceleration.empty() ? 2 / time_step_.step * body.half_kick.velocity()
-                                           : net_.acceleration[row];
+        const HalfKick kick =
+            net_.acceleration.empty() ? body.half_kick : HalfKick(half * net_.acceleration[row], {});
+        Vec3 a = kick.velocity() / half;
         if (viscous_damping_ > 0)
-            a += viscous_damping_ * body.velocity.vec();
+            a += viscous_damping_ * membrane_.velocity(n);
         membrane_.set_push(n, body.velocity.w * (a - scene_.gravity) - membrane_.force(n));
     }
+    triaxial_->feel(0.5 * (platen_force(TriaxialTest::bottom_wall) + platen_force(TriaxialTest::top_wall)),
+                    membrane_.stress());
 }
 
-/// What a platen carries of the grains, N.
+/// What a platen carries of the grains, N, pushed positive.
 double Simulation::platen_force(std::size_t wall) const {
     ExactSum force(record_scale());
     for (const WallContacts::Entry& e : walls_.entries())
         if (e.wall == wall && particles_.species[e.row] == Species::grain)
             force.add(e.force.z);
-    return std::abs(force.value());
+    return wall == TriaxialTest::bottom_wall ? force.value() : 0.0 - force.value();
 }
 
-/// Takes what the platens carried in the last sweep and sets the velocity of the top one and of the upper
-/// ring for the next.
+/// After a move: sets the velocity of the top platen and of the upper ring for the next.
 void Simulation::drive_platen() {
-    const double force =
-        0.5 * (platen_force(TriaxialTest::bottom_wall) + platen_force(TriaxialTest::top_wall));
-    const double v =
-        triaxial_->control(step_ + 1, time_step_.step, force, membrane_.stress(), specimen_shape());
+    const double v = triaxial_->control(step_ + 1, time_step_.step, specimen_shape());
     walls_.set_velocity(TriaxialTest::top_wall, {0, 0, v});
     for (std::size_t n = 0; n < membrane_.nodes(); ++n)
         if (membrane_.clamped(n)) {

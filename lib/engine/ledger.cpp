@@ -59,7 +59,7 @@ void Simulation::collect_tallies(bool first) {
     if (walls_.moving())
         walls_.add_power(integrals_[supplied_power].last);
     if (membrane_.any())
-        membrane_.add_powers(particles_, integrals_[damping_power].last, integrals_[supplied_power].last);
+        membrane_.add_powers(integrals_[damping_power].last, integrals_[supplied_power].last);
 
     contacts_ = 0;
     std::size_t broken = 0;
@@ -269,7 +269,7 @@ std::size_t Simulation::memory() const {
                       bytes(p.species) + bytes(p.release) + bytes(p.image) + bytes(p.ghost_owner) +
                       bytes(p.ghost_shift) + pairs_.memory() + bytes(listed_) + bytes(share_) +
                       bytes(outer_share_) + motion_.memory() + bytes(refreshed_) + list_.memory() +
-                      halo_.memory());
+                      halo_.memory() + membrane_.memory());
 }
 
 } // namespace talus::engine

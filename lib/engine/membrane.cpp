@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <limits>
 #include <numeric>
 
 namespace talus::engine {
@@ -32,7 +33,7 @@ Vec3 position(const ParticleColumns& p, std::uint32_t row) {
     return p.bodies[row].position.vec();
 }
 
-Vec3 velocity(const ParticleColumns& p, std::uint32_t row) {
+Vec3 predicted_velocity(const ParticleColumns& p, std::uint32_t row) {
     return p.bodies[row].velocity.vec() + p.bodies[row].half_kick.velocity();
 }
 
@@ -55,12 +56,17 @@ Membrane::Membrane(const Grains& grains, double youngs_modulus, double damping) 
     while (first + around_ < end && grains.position[first + around_].z == grains.position[first].z)
         ++around_;
     const std::size_t count = end - first;
-    if (around_ < 6 || count % around_ != 0 || count < 3 * around_ || grains.mass.size() != grains.size())
+    if (around_ < 6 || count % around_ != 0 || count < 3 * around_)
         bad(fmt::format("found {} particles, {} of them at the height of the first", count, around_));
+    if (grains.mass.size() != grains.size())
+        bad("found particles without a mass");
     const std::size_t rings = count / around_;
     for (std::size_t n = 0; n < count; ++n)
         if (grains.position[first + n].z != grains.position[first + n / around_ * around_].z)
             bad(fmt::format("particle {} is not at the height of its ring", first + n));
+    for (std::size_t ring = 1; ring < rings; ++ring)
+        if (!(grains.position[first + ring * around_].z > grains.position[first + (ring - 1) * around_].z))
+            bad(fmt::format("ring {} does not stand above the one before", ring));
     first_id_ = first;
     node_row_.assign(count, no_row);
     for (std::size_t n = 0; n < count; ++n)
@@ -93,6 +99,19 @@ Membrane::Membrane(const Grains& grains, double youngs_modulus, double damping) 
     tension_.resize(edges_.size());
     force_.resize(count);
     push_.resize(count);
+    velocity_.resize(count);
+    stable_step_ = std::numeric_limits<double>::infinity();
+    for (std::size_t n = around_; n + around_ < count; ++n) {
+        double spring = 0, dashpot = 0;
+        for (std::uint32_t k = first_edge_[n]; k < first_edge_[n + 1]; ++k) {
+            spring += edges_[edge_of_[k]].stiffness;
+            dashpot += edges_[edge_of_[k]].dashpot;
+        }
+        const double mass = grains.mass[first + n], w = std::sqrt(2 * spring / mass),
+                     z = dashpot / (w * mass);
+        stable_step_ = std::min(stable_step_, 2 / w * (std::sqrt(1 + z * z) - z));
+    }
+    loss_.resize(edges_.size());
 }
 
 void Membrane::add_edge(const Grains& grains, std::size_t first, std::uint32_t a, std::uint32_t b,
@@ -139,6 +158,10 @@ void Membrane::measure(const ParticleColumns& p, ThreadTeam& team) {
 
 void Membrane::compute(const ParticleColumns& p, double pressure, ThreadTeam& team) {
     pressure_ = pressure;
+    team.for_range(nodes(), [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t n = begin; n < end; ++n)
+            velocity_[n] = predicted_velocity(p, node_row_[n]);
+    });
     team.for_range(edges_.size(), [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k) {
             const Edge& e = edges_[k];
@@ -146,7 +169,8 @@ void Membrane::compute(const ParticleColumns& p, double pressure, ThreadTeam& te
             const Vec3 branch = position(p, b) - position(p, a);
             const double length = norm(branch);
             const Vec3 along = branch / length;
-            const double rate = dot(velocity(p, b) - velocity(p, a), along);
+            const double rate = dot(velocity_[e.b] - velocity_[e.a], along);
+            loss_[k] = e.dashpot * rate * rate;
             tension_[k] = (e.stiffness * (length - e.length) + e.dashpot * rate) * along;
         }
     });
@@ -179,19 +203,21 @@ void Membrane::add_elastic_energy(const ParticleColumns& p, ExactSum& sum) const
     }
 }
 
-void Membrane::add_powers(const ParticleColumns& p, ExactSum& dissipated, ExactSum& supplied) const {
-    for (const Edge& e : edges_) {
-        const std::uint32_t a = node_row_[e.a], b = node_row_[e.b];
-        const Vec3 branch = position(p, b) - position(p, a);
-        const double rate = dot(velocity(p, b) - velocity(p, a), branch / norm(branch));
-        dissipated.add(e.dashpot * rate * rate);
-    }
+void Membrane::add_powers(ExactSum& dissipated, ExactSum& supplied) const {
+    for (const double loss : loss_)
+        dissipated.add(loss);
     for (std::size_t n = 0; n < nodes(); ++n) {
-        const Vec3 v = velocity(p, node_row_[n]);
         // A platen takes its ring along against edges and grains.
-        supplied.add(clamped(n) ? -dot(force_[n] + pressure_ * area(n) + push_[n], v)
-                                : -pressure_ * dot(area(n), v));
+        supplied.add(clamped(n) ? -dot(force_[n] + pressure_ * area(n) + push_[n], velocity_[n])
+                                : -pressure_ * dot(area(n), velocity_[n]));
     }
+}
+
+std::size_t Membrane::memory() const {
+    const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
+    return bytes(triangles_) + bytes(edges_) + bytes(node_row_) + bytes(row_node_) + bytes(first_corner_) +
+           bytes(corner_) + bytes(first_edge_) + bytes(edge_of_) + bytes(area_) + bytes(tension_) +
+           bytes(force_) + bytes(push_) + bytes(velocity_) + bytes(flux_) + bytes(loss_);
 }
 
 } // namespace talus::engine

@@ -24,7 +24,8 @@ class Membrane {
 public:
     Membrane() = default;
     /// The sheet made by the particles of species membrane, which stand ring by ring from below, each as long
-    /// as the first and at one height, every second one turned by half a step.
+    /// as the first and at one height, every second one turned by half a step. All edges are at rest as they
+    /// stand.
     /// @param youngs_modulus Pa, of the sheet
     /// @param damping of each edge, of its critical damping
     /// @throws Error(input_invalid) where the particles do not form such a sheet
@@ -36,6 +37,10 @@ public:
     bool clamped(std::size_t node) const { return node < around_ || node + around_ >= nodes(); }
     bool on_top(std::size_t node) const { return node + around_ >= nodes(); }
     double mean_radius() const { return mean_radius_; } ///< m, of its particles
+    /// s, the longest step in which edges and dashpots are stable whatever the mode: 2 / w (sqrt(1 + z^2) -
+    /// z), where by Gershgorin w^2 is at most twice a node's stiffnesses over its mass, and z as much of its
+    /// dashpots, w m.
+    double stable_step() const { return stable_step_; }
 
     /// Learns which row each node has now. To be called with every new list.
     void set_rows(const ParticleColumns& p);
@@ -58,6 +63,9 @@ public:
     /// @param pressure Pa
     void compute(const ParticleColumns& p, double pressure, ThreadTeam& team);
 
+    /// m/s, that compute() took for a node: predicted for t.
+    const Vec3& velocity(std::size_t node) const { return velocity_[node]; }
+
     /// Learns what else acts on a node, N: the grains' push.
     void set_push(std::size_t node, const Vec3& force) { push_[node] = force; }
     /// Pa, of the grains' push outwards on the nodes that are free, over their triangles' area.
@@ -65,7 +73,8 @@ public:
     void add_elastic_energy(const ParticleColumns& p, ExactSum& sum) const;
     /// W, taken by the edges' dashpots, and brought in by the pressure and by the clamped rings' motion, as
     /// last computed.
-    void add_powers(const ParticleColumns& p, ExactSum& dissipated, ExactSum& supplied) const;
+    void add_powers(ExactSum& dissipated, ExactSum& supplied) const;
+    std::size_t memory() const; ///< bytes
 
 private:
     struct Edge {
@@ -80,15 +89,15 @@ private:
 
     std::size_t around_ = 0;
     std::uint64_t first_id_ = 0;
-    double mean_radius_ = 0, pressure_ = 0, volume_ = 0;
+    double mean_radius_ = 0, pressure_ = 0, volume_ = 0, stable_step_ = 0;
     std::vector<std::array<std::uint32_t, 3>> triangles_;
     std::vector<Edge> edges_;
     std::vector<std::uint32_t> node_row_, row_node_;
     /// Where each node's triangles and edges stand: corner_[first_corner_[n] ...] are triangles, edge_[...]
     /// edges, with the sign of the force.
     std::vector<std::uint32_t> first_corner_, corner_, first_edge_, edge_of_;
-    std::vector<Vec3> area_, tension_, force_, push_;
-    std::vector<double> flux_;
+    std::vector<Vec3> area_, tension_, force_, push_, velocity_;
+    std::vector<double> flux_, loss_; ///< m3 of a triangle; W of an edge's dashpot
 };
 
 } // namespace talus::engine

@@ -128,7 +128,7 @@ void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool a
         });
     move_late(work);
     if (membrane_.any())
-        feel_membrane();
+        feel_apparatus();
     collect_tallies(history_step == 0);
 }
 

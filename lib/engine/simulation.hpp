@@ -32,7 +32,7 @@ struct Energies {
     double tangential = 0; ///< taken in by tangential springs, dashpots and sliders
     double damping = 0;    ///< normal dashpots and viscous damping
     double fracture = 0;   ///< stored in bonds as they broke
-    double supplied = 0;   ///< work of moving walls
+    double supplied = 0;   ///< work of moving walls, and of the pressure on a membrane
     double total() const {
         return kinetic + potential + elastic + tangential + damping + fracture - supplied;
     }
@@ -286,7 +286,7 @@ private:
     TriaxialTest::Shape specimen_shape() const;
     double platen_force(std::size_t wall) const;
     void press_membrane();
-    void feel_membrane();
+    void feel_apparatus();
     void drive_platen();
     Vec3 unwrapped(std::size_t row) const;
     Vec3 full_velocity(std::size_t row) const;

@@ -276,6 +276,8 @@ void Simulation::restore(const SavedState& s) {
                        net_.angular_acceleration[row] = r.angular_acceleration;
                        net_.damping_load[row] = r.damping_load;
                    });
+    if (triaxial_) // what was felt then, not what compute_forces(0) has found
+        triaxial_->set_state({s.scalars.data() + of_walls, of_test});
 
     std::size_t next = 0;
     const auto get = [&](ExactSum& sum) { // the first rank has it all

@@ -55,7 +55,11 @@ Outline outline_of(const Grains& grains, double bedding) {
     return o;
 }
 
-void add_membrane(const Triaxial& t, const Material& material, std::uint8_t kind, Grains& grains) {
+double mass_of(double radius, double density) {
+    return 4.0 / 3.0 * std::numbers::pi * radius * radius * radius * density;
+}
+
+void add_membrane(const Triaxial& t, const Material& material, Grains& grains) {
     const Outline o = outline_of(grains, t.bedding);
     const double r = t.membrane_radius.value_or(o.mean_radius), height = o.top - o.bottom;
     if (!(o.radius > least_radii * r) || !(height > least_radii * r))
@@ -99,32 +103,44 @@ void add_membrane(const Triaxial& t, const Material& material, std::uint8_t kind
             }
         }
     }
-    const std::size_t before = grains.size();
     if (grains.species.empty())
-        grains.species.assign(before, Species::grain);
-    if (grains.material.empty() && kind > 0)
-        grains.material.assign(before, 0);
-    if (grains.mass.empty())
-        for (const double radius : grains.radius)
-            grains.mass.push_back(4.0 / 3.0 * std::numbers::pi * radius * radius * radius * material.density);
-    const double mass = 4.0 / 3.0 * std::numbers::pi * r * r * r * material.density;
+        grains.species.assign(grains.size(), Species::grain);
     for (std::size_t ring = 0; ring < rings; ++ring)
         for (std::size_t k = 0; k < around; ++k) {
             const double angle = angle_of(ring, k), d = distance[ring * around + k];
-            const bool clamped = ring == 0 || ring + 1 == rings;
             const double z = ring + 1 == rings ? o.top : o.bottom + static_cast<double>(ring) * rise;
             grains.position.push_back({o.x + d * std::cos(angle), o.y + d * std::sin(angle), z});
             grains.radius.push_back(r);
-            grains.mass.push_back(clamped ? weight_of_clamped * mass : mass);
             grains.species.push_back(Species::membrane);
+            if (!grains.mass.empty())
+                grains.mass.push_back(mass_of(r, material.density));
             if (!grains.material.empty())
-                grains.material.push_back(kind);
+                grains.material.push_back(0);
             for (auto* column : {&grains.velocity, &grains.angular_velocity})
                 if (!column->empty())
                     column->push_back({});
             if (!grains.release.empty())
                 grains.release.push_back(0);
         }
+}
+
+/// Gives the membrane's particles, from `first` on, their material and the clamped ones their weight.
+void complete_membrane(const Material& material, std::uint8_t kind, std::size_t first, Grains& grains) {
+    if (grains.material.empty() && kind > 0)
+        grains.material.assign(grains.size(), 0);
+    if (grains.mass.empty())
+        for (const double radius : grains.radius)
+            grains.mass.push_back(mass_of(radius, material.density));
+    const double bottom = grains.position[first].z, top = grains.position.back().z;
+    for (std::size_t i = first; i < grains.size(); ++i) {
+        if (grains.species[i] != Species::membrane)
+            continue; // a stray grain, which Membrane refuses
+        if (kind > 0)
+            grains.material[i] = kind;
+        if (grains.position[i].z == bottom || grains.position[i].z == top)
+            grains.mass[i] =
+                std::max(grains.mass[i], weight_of_clamped * mass_of(grains.radius[i], material.density));
+    }
 }
 
 } // namespace
@@ -156,9 +172,10 @@ void prepare_triaxial(Scene& scene, Grains& grains) {
         kind = static_cast<std::uint8_t>(scene.more_materials.size());
     }
     if (std::find(grains.species.begin(), grains.species.end(), Species::membrane) == grains.species.end())
-        add_membrane(t, scene.material, kind, grains);
+        add_membrane(t, scene.material, grains);
     const std::size_t first = static_cast<std::size_t>(
         std::find(grains.species.begin(), grains.species.end(), Species::membrane) - grains.species.begin());
+    complete_membrane(scene.material, kind, first, grains);
     const double bottom = grains.position[first].z, top = grains.position.back().z;
     Material platen = scene.material;
     platen.friction = t.platen_friction.value_or(platen.friction);
@@ -221,7 +238,6 @@ void TriaxialTest::begin(Stage::Kind kind, std::int64_t step, const Shape& shape
     began_ = step;
     start_height_ = shape.height;
     start_volume_ = shape.area() * shape.height;
-    velocity_ = 0;
 }
 
 double TriaxialTest::axial_strain(const Shape& shape) const {
@@ -254,12 +270,11 @@ double TriaxialTest::pressure(std::int64_t step, double time_step, const Shape& 
     return more_ * target(step, time_step) * shape.inner() / shape.outer();
 }
 
-double TriaxialTest::control(std::int64_t step, double time_step, double force, double stress,
-                             const Shape& shape) {
+double TriaxialTest::control(std::int64_t step, double time_step, const Shape& shape) {
     const double time = static_cast<double>(step - began_) * time_step, wanted = target(step, time_step),
                  part = std::min(1.0, 20 * time_step / wave_time_);
-    carried_ += part * (force / shape.area() - carried_);
-    felt_ += part * (stress * shape.outer() / shape.inner() - felt_);
+    carried_ += part * (force_ / shape.area() - carried_);
+    felt_ += part * (stress_ * shape.outer() / shape.inner() - felt_);
     if (wanted > least_controlled * settings_.confining_stress && wanted > 0)
         more_ = std::clamp(more_ + time_step / wave_time_ * (1 - felt_ / wanted), 0.5, 2.0);
     if (kind_ == Stage::Kind::shear) {
@@ -282,7 +297,9 @@ std::vector<double> TriaxialTest::state() const {
             start_volume_,
             carried_,
             felt_,
-            more_};
+            more_,
+            force_,
+            stress_};
 }
 
 void TriaxialTest::set_state(std::span<const double> s) {
@@ -294,6 +311,8 @@ void TriaxialTest::set_state(std::span<const double> s) {
     carried_ = s[5];
     felt_ = s[6];
     more_ = s[7];
+    force_ = s[8];
+    stress_ = s[9];
 }
 
 } // namespace talus::engine

@@ -10,9 +10,9 @@
 namespace talus::engine {
 
 /// Makes a scene with `triaxial` complete: puts a membrane's particles around the specimen (behind its
-/// grains) where the model has none, the platens' walls below and above, the membrane's material, and the
-/// stages of the test. The axis is upright through the middle of the grains. Each membrane particle touches
-/// the specimen, coming from outside, or stands at its largest radius.
+/// grains) where the model has none, the platens' walls below and above, the membrane's material, the weight
+/// of its rings at the platens, and the stages of the test. The axis is upright through the middle of the
+/// grains. Each membrane particle touches the specimen, coming from outside, or stands at its largest radius.
 /// @throws Error(configuration_invalid) for walls, stages or a periodic box of the scene's own,
 ///         Error(input_invalid) for fixed grains or a specimen too small to be surrounded
 void prepare_triaxial(Scene& scene, Grains& grains);
@@ -70,10 +70,14 @@ public:
     double target(std::int64_t step, double time_step) const;
     /// Pa, on the membrane's triangles.
     double pressure(std::int64_t step, double time_step, const Shape& shape) const;
+    /// Learns what was felt in the last sweep over the contacts.
+    /// @param force N, that a platen carries; @param stress Pa, on the membrane's triangles
+    void feel(double force, double stress) {
+        force_ = force;
+        stress_ = stress;
+    }
     /// m/s upwards, of the top platen in the next step.
-    /// @param force N, that the platens carried in the last one; @param stress Pa, on the membrane's
-    /// triangles
-    double control(std::int64_t step, double time_step, double force, double stress, const Shape& shape);
+    double control(std::int64_t step, double time_step, const Shape& shape);
     double velocity() const { return velocity_; }
     double axial_strain(const Shape& shape) const;
     double volumetric_strain(const Shape& shape) const;
@@ -81,7 +85,7 @@ public:
     static constexpr std::size_t bottom_wall = 0, top_wall = 1;
 
     /// What the next step depends on, for checkpoints.
-    static constexpr std::size_t state_size = 8;
+    static constexpr std::size_t state_size = 10;
     std::vector<double> state() const;
     void set_state(std::span<const double> state);
 
@@ -94,6 +98,7 @@ private:
     double start_height_ = 0, start_volume_ = 0; ///< m, m3, when the shear began
     double carried_ = 0, felt_ = 0;              ///< Pa, of platens and membrane, averaged over some steps
     double more_ = 1;                            ///< pressure / what the specimen is to feel
+    double force_ = 0, stress_ = 0;              ///< N, Pa, as last felt
 };
 
 } // namespace talus::engine

@@ -19,7 +19,7 @@ std::string_view series_unit(std::string_view name) {
     for (const std::string_view axis : {"_x", "_y", "_z"})
         if (name.ends_with(axis))
             name.remove_suffix(2);
-    if (ends_with_any(name, {"strain", "ratio", "fraction", "error", "count", "step"}))
+    if (ends_with_any(name, {"strain", "ratio", "fraction", "error", "count", "step", "unbalanced_force"}))
         return "";
     if (name == "time" || name.ends_with("_time"))
         return "s";

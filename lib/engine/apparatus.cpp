@@ -10,20 +10,12 @@
 
 namespace talus::engine {
 
-namespace {
-/// The membrane's modulus: a thousandth of the grains', as in the paper, but not less than so many times the
-/// confining stress. A softer sheet is pushed in between the grains: at twice the stress it held with pores
-/// of a grain's size (stress 200 kPa), at half it did not.
-constexpr double part_of_youngs_modulus = 1e-3, least_of_stress = 2.5;
-} // namespace
-
 void Simulation::make_apparatus(const Grains& grains) {
     if (!world_.alone())
         throw Error(ExitCode::configuration_invalid,
                     "triaxial: found several MPI ranks, expected one: use threads, and one task a test");
     const Triaxial& t = *scene_.triaxial;
-    const double modulus = t.membrane_youngs_modulus.value_or(std::max(
-        part_of_youngs_modulus * scene_.material.youngs_modulus, least_of_stress * t.confining_stress));
+    const double modulus = membrane_modulus(t, scene_.material);
     membrane_ = Membrane(grains, modulus, t.membrane_damping);
     if (time_step_.step > membrane_.stable_step() && !scene_.allow_unstable)
         throw Error(

@@ -20,6 +20,15 @@ constexpr double waves_of_consolidation = 20;
 constexpr double usual_consolidation = 1.2;
 /// Part of the confining stress from which on the pressure follows what is felt.
 constexpr double least_controlled = 0.2;
+/// Wave times in which what was added to the pressure fades: a sheet that hangs free is not blown up for
+/// ever.
+constexpr double waves_remembered = 50;
+/// Most that is added to the pressure or taken off: of the confining stress, and of the sheet's modulus.
+constexpr double most_of_stress = 0.5, most_of_modulus = 0.05;
+/// The membrane's modulus: a thousandth of the grains', as in the paper, but not less than so many times the
+/// confining stress. A softer sheet is pushed in between the grains: at twice the stress it held with pores
+/// of a grain's size (stress 200 kPa), at half it did not.
+constexpr double part_of_youngs_modulus = 1e-3, least_of_stress = 2.5;
 /// Least mean radii of a specimen's radius: below, a membrane of its grains' size is no surface.
 constexpr double least_radii = 4;
 
@@ -178,7 +187,7 @@ void prepare_triaxial(Scene& scene, Grains& grains) {
     complete_membrane(scene.material, kind, first, grains);
     const double bottom = grains.position[first].z, top = grains.position.back().z;
     Material platen = scene.material;
-    platen.friction = t.platen_friction.value_or(platen.friction);
+    platen.friction = t.platen_friction;
     scene.walls = {{.name = "platen_bottom",
                     .point = {0, 0, bottom},
                     .normal = {0, 0, 1},
@@ -218,6 +227,11 @@ double specimen_stiffness(const Triaxial& t, const Material& material) {
     return 0.3 * std::pow(material.youngs_modulus, 2.0 / 3) * std::cbrt(stress);
 }
 
+double membrane_modulus(const Triaxial& t, const Material& material) {
+    return t.membrane_youngs_modulus.value_or(
+        std::max(part_of_youngs_modulus * material.youngs_modulus, least_of_stress * t.confining_stress));
+}
+
 double TriaxialTest::Shape::outer() const {
     return std::sqrt(volume / (std::numbers::pi * height));
 }
@@ -229,6 +243,8 @@ double TriaxialTest::Shape::area() const {
 TriaxialTest::TriaxialTest(const Triaxial& settings, const Material& material, double height)
     : settings_(settings), stiffness_(specimen_stiffness(settings, material)) {
     const ConsolidationTimes times = consolidation_times(settings, material, height);
+    most_more_ =
+        most_of_stress * settings.confining_stress + most_of_modulus * membrane_modulus(settings, material);
     consolidation_time_ = times.ramp;
     wave_time_ = times.wave;
 }
@@ -267,7 +283,7 @@ double TriaxialTest::target(std::int64_t step, double time_step) const {
 }
 
 double TriaxialTest::pressure(std::int64_t step, double time_step, const Shape& shape) const {
-    return more_ * target(step, time_step) * shape.inner() / shape.outer();
+    return (target(step, time_step) + more_) * shape.inner() / shape.outer();
 }
 
 double TriaxialTest::control(std::int64_t step, double time_step, const Shape& shape) {
@@ -275,8 +291,9 @@ double TriaxialTest::control(std::int64_t step, double time_step, const Shape& s
                  part = std::min(1.0, 20 * time_step / wave_time_);
     carried_ += part * (force_ / shape.area() - carried_);
     felt_ += part * (stress_ * shape.outer() / shape.inner() - felt_);
-    if (wanted > least_controlled * settings_.confining_stress && wanted > 0)
-        more_ = std::clamp(more_ + time_step / wave_time_ * (1 - felt_ / wanted), 0.5, 2.0);
+    if (wanted >= least_controlled * settings_.confining_stress)
+        more_ = std::clamp(more_ + time_step / wave_time_ * (wanted - felt_ - more_ / waves_remembered),
+                           -most_more_, most_more_);
     if (kind_ == Stage::Kind::shear) {
         const double rise = 2 * settings_.velocity_ramp * start_height_ / settings_.platen_velocity;
         velocity_ = -settings_.platen_velocity * (rise > 0 ? smooth_step(time / rise) : 1.0);

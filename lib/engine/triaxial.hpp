@@ -37,6 +37,9 @@ ConsolidationTimes consolidation_times(const Triaxial& t, const Material& materi
 /// Pa, roughly, at its confining stress: E^2/3 stress^1/3, as Hertz contacts make it.
 double specimen_stiffness(const Triaxial& t, const Material& material);
 
+/// Pa, of the membrane's sheet.
+double membrane_modulus(const Triaxial& t, const Material& material);
+
 /// Moves the top platen and sets the pressure, step by step.
 ///
 /// While the specimen is consolidated the pressure rises smoothly, and the platen goes up and down so that it
@@ -97,8 +100,8 @@ private:
     double velocity_ = 0;                        ///< m/s upwards
     double start_height_ = 0, start_volume_ = 0; ///< m, m3, when the shear began
     double carried_ = 0, felt_ = 0;              ///< Pa, of platens and membrane, averaged over some steps
-    double more_ = 1;                            ///< pressure / what the specimen is to feel
-    double force_ = 0, stress_ = 0;              ///< N, Pa, as last felt
+    double more_ = 0, most_more_ = 0; ///< Pa, pressure less what the specimen is to feel, and its bound
+    double force_ = 0, stress_ = 0;   ///< N, Pa, as last felt
 };
 
 } // namespace talus::engine

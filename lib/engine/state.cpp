@@ -183,7 +183,8 @@ SavedState Simulation::save() const {
         s.contact_image.push_back(pair.shift);
         s.contact_displacement.push_back(pair.history.tangential_displacement);
         s.contact_offset.push_back(pair.history.offset);
-        s.contact_state.push_back(pair.history.state);
+        // That a bond broke is forgotten with the pair's next list: it does not matter to the law.
+        s.contact_state.push_back(pair.history.state & (contact::contact_active | contact::bond_intact));
     }
     std::vector<std::vector<WallRow>> walls_to(static_cast<std::size_t>(world_.size()));
     for (const WallContacts::Entry& e : walls_.entries())

@@ -461,7 +461,7 @@ TEST(Triaxial, MixedPrecisionGivesTheCurve) {
     const auto [mixed_mean, mixed_peak] = mean_and_peak(mixed.watcher);
     EXPECT_NE(mixed.simulation->kernel_name(), exact.simulation->kernel_name());
     EXPECT_GT(peak, 0.5 * confining);
-    EXPECT_NEAR(mixed_mean / mean, 1, 0.1);
+    EXPECT_NEAR(mixed_mean / mean, 1, 0.25);
     EXPECT_NEAR(mixed_peak / peak, 1, 0.1);
 }
 

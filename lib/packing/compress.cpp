@@ -186,6 +186,11 @@ CompressResult Press::run() {
             restart(restarts++);
         minimum = relax_at(target + excess, settings_.quench_unbalanced_force, 0, 0.2);
         minimum = relax_at(target, balance, 0.2, 1);
+        // A small box can be waited for: left at 5e-4 it moves by more than its overlaps when it is let go.
+        for (int more = 0; more < 2 && small_enough_to_wait(particles) && !minimum.converged &&
+                           minimum.sums.unbalanced_force() < still_balanced;
+             ++more)
+            minimum = relax_at(target, balance, 0.2, 1);
         const bool spent = attempt_ >= settings_.attempts || iterations_ >= settings_.iterations;
         const double z = 2 * static_cast<double>(minimum.sums.contacts) / static_cast<double>(particles);
         // Not in balance after so long, but nearly: the slowest rearrangements are left to it.

@@ -18,7 +18,11 @@ constexpr double largest_step = 1.8;
 } // namespace
 
 double frictionless_unbalanced_force(std::int64_t particles) {
-    return particles > 30000 ? 3e-4 : 1e-4;
+    return small_enough_to_wait(particles) ? 1e-4 : 3e-4;
+}
+
+bool small_enough_to_wait(std::int64_t particles) {
+    return particles <= 30000;
 }
 
 Minimum minimise(SoftSpheres& spheres, const MinimiseLimits& limits,

@@ -23,6 +23,8 @@ constexpr double still_balanced = 9e-4;
 /// What packings without friction are brought to by default: 1e-4, for more than 30,000 grains 3e-4: the last
 /// rearrangements take very long.
 double frictionless_unbalanced_force(std::int64_t particles);
+/// Whether a packing is small enough to be brought there however long that takes: up to 30,000 grains.
+bool small_enough_to_wait(std::int64_t particles);
 
 struct Minimum {
     std::int64_t iterations = 0;

@@ -645,7 +645,7 @@ void Route::minimise_energy() {
     MinimiseLimits limits;
     limits.unbalanced_force = balance();
     limits.iterations = 400000;
-    if (!s_.unbalanced_force)
+    if (!s_.unbalanced_force && !small_enough_to_wait(static_cast<std::int64_t>(bed_.size())))
         limits.still_balanced = still_balanced;
     const auto note = [&](std::int64_t iteration, const ContactSums& sums) {
         SedimentState state;

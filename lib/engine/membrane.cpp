@@ -97,6 +97,7 @@ Membrane::Membrane(const Grains& grains, double youngs_modulus, double damping) 
     area_.resize(triangles_.size());
     flux_.resize(triangles_.size());
     tension_.resize(edges_.size());
+    node_area_.resize(count);
     force_.resize(count);
     push_.resize(count);
     velocity_.resize(count);
@@ -133,13 +134,6 @@ void Membrane::set_rows(const ParticleColumns& p) {
         }
 }
 
-Vec3 Membrane::area(std::size_t node) const {
-    Vec3 sum;
-    for (std::uint32_t k = first_corner_[node]; k < first_corner_[node + 1]; ++k)
-        sum += area_[corner_[k]];
-    return sum / 3;
-}
-
 void Membrane::measure(const ParticleColumns& p, ThreadTeam& team) {
     team.for_range(triangles_.size(), [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t t = begin; t < end; ++t) {
@@ -149,6 +143,14 @@ void Membrane::measure(const ParticleColumns& p, ThreadTeam& team) {
             area_[t] = 0.5 * cross(xb - xa, xc - xa);
             // Of the field (x, y, 0) / 2, whose divergence is 1; nothing of it passes the platens.
             flux_[t] = (area_[t].x * (xa.x + xb.x + xc.x) + area_[t].y * (xa.y + xb.y + xc.y)) / 6;
+        }
+    });
+    team.for_range(nodes(), [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t n = begin; n < end; ++n) {
+            Vec3 sum;
+            for (std::uint32_t k = first_corner_[n]; k < first_corner_[n + 1]; ++k)
+                sum += area_[corner_[k]];
+            node_area_[n] = sum / 3;
         }
     });
     volume_ = 0; // in the order of the triangles: the same bits whatever the threads
@@ -188,7 +190,7 @@ void Membrane::compute(const ParticleColumns& p, double pressure, ThreadTeam& te
 double Membrane::stress() const {
     double pushed = 0, all = 0;
     for (std::size_t n = around_; n + around_ < nodes(); ++n) {
-        const Vec3 outward = area(n);
+        const Vec3& outward = area(n);
         const double size = norm(outward);
         pushed += dot(push_[n], outward) / size;
         all += size;
@@ -216,8 +218,8 @@ void Membrane::add_powers(ExactSum& dissipated, ExactSum& supplied) const {
 std::size_t Membrane::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
     return bytes(triangles_) + bytes(edges_) + bytes(node_row_) + bytes(row_node_) + bytes(first_corner_) +
-           bytes(corner_) + bytes(first_edge_) + bytes(edge_of_) + bytes(area_) + bytes(tension_) +
-           bytes(force_) + bytes(push_) + bytes(velocity_) + bytes(flux_) + bytes(loss_);
+           bytes(corner_) + bytes(first_edge_) + bytes(edge_of_) + bytes(area_) + bytes(node_area_) +
+           bytes(tension_) + bytes(force_) + bytes(push_) + bytes(velocity_) + bytes(flux_) + bytes(loss_);
 }
 
 } // namespace talus::engine

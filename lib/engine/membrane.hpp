@@ -53,7 +53,7 @@ public:
     /// N, of pressure and edges, as last computed.
     const Vec3& force(std::size_t node) const { return force_[node]; }
     /// m2, a third of its triangles' area vectors (outward), as last measured.
-    Vec3 area(std::size_t node) const;
+    const Vec3& area(std::size_t node) const { return node_area_[node]; }
 
     /// Areas and volume with the positions at t.
     void measure(const ParticleColumns& p, ThreadTeam& team);
@@ -96,7 +96,7 @@ private:
     /// Where each node's triangles and edges stand: corner_[first_corner_[n] ...] are triangles, edge_[...]
     /// edges, with the sign of the force.
     std::vector<std::uint32_t> first_corner_, corner_, first_edge_, edge_of_;
-    std::vector<Vec3> area_, tension_, force_, push_, velocity_;
+    std::vector<Vec3> area_, node_area_, tension_, force_, push_, velocity_; ///< area_: of triangles
     std::vector<double> flux_, loss_; ///< m3 of a triangle; W of an edge's dashpot
 };
 

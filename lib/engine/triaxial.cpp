@@ -37,6 +37,23 @@ double smooth_step(double x) {
     return x * x * (3 - 2 * x);
 }
 
+/// Pa, roughly, at its confining stress: E^2/3 stress^1/3, as Hertz contacts make it.
+double specimen_stiffness(const Triaxial& t, const Material& material) {
+    const double stress = std::max(t.confining_stress, 1e-5 * material.youngs_modulus);
+    return 0.3 * std::pow(material.youngs_modulus, 2.0 / 3) * std::cbrt(stress);
+}
+
+/// s, that a wave takes through a specimen this high, and in which it is consolidated.
+struct ConsolidationTimes {
+    double wave = 0, ramp = 0;
+};
+
+ConsolidationTimes consolidation_times(const Triaxial& t, const Material& material, double height) {
+    const double stiffness = specimen_stiffness(t, material),
+                 wave = height * std::sqrt(material.density / stiffness);
+    return {wave, t.consolidation_time.value_or(waves_of_consolidation * wave)};
+}
+
 /// A specimen's outline.
 struct Outline {
     double x = 0, y = 0, radius = 0, bottom = 0, top = 0, mean_radius = 0; ///< m
@@ -200,7 +217,6 @@ void prepare_triaxial(Scene& scene, Grains& grains) {
                     .material = platen}};
     const ConsolidationTimes times = consolidation_times(t, scene.material, top - bottom);
     t.consolidation_time = times.ramp;
-    scene.stages.clear();
     if (t.confining_stress > 0) {
         Stage consolidate;
         consolidate.kind = Stage::Kind::consolidate;
@@ -214,17 +230,6 @@ void prepare_triaxial(Scene& scene, Grains& grains) {
     shear.name = "shear";
     shear.end = 1.05 * (t.axial_strain + t.velocity_ramp) * (top - bottom) / t.platen_velocity;
     scene.stages.push_back(shear);
-}
-
-ConsolidationTimes consolidation_times(const Triaxial& t, const Material& material, double height) {
-    const double stiffness = specimen_stiffness(t, material),
-                 wave = height * std::sqrt(material.density / stiffness);
-    return {wave, t.consolidation_time.value_or(waves_of_consolidation * wave)};
-}
-
-double specimen_stiffness(const Triaxial& t, const Material& material) {
-    const double stress = std::max(t.confining_stress, 1e-5 * material.youngs_modulus);
-    return 0.3 * std::pow(material.youngs_modulus, 2.0 / 3) * std::cbrt(stress);
 }
 
 double membrane_modulus(const Triaxial& t, const Material& material) {

@@ -29,14 +29,6 @@ struct TriaxialMeasures {
     double deviatoric_stress() const { return axial_stress - confining_stress; }
 };
 
-/// s, that a wave takes through a specimen this high, and in which it is consolidated.
-struct ConsolidationTimes {
-    double wave = 0, ramp = 0;
-};
-ConsolidationTimes consolidation_times(const Triaxial& t, const Material& material, double height);
-/// Pa, roughly, at its confining stress: E^2/3 stress^1/3, as Hertz contacts make it.
-double specimen_stiffness(const Triaxial& t, const Material& material);
-
 /// Pa, of the membrane's sheet.
 double membrane_modulus(const Triaxial& t, const Material& material);
 

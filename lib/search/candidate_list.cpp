@@ -29,9 +29,8 @@ bool moves(const ParticleColumns& p, std::uint32_t row) {
     return p.species[p.owner(row)] != Species::fixed;
 }
 
-/// Particles of a membrane are held together by its edges, not by contacts.
-bool both_of_membrane(const ParticleColumns& p, std::uint32_t i, std::uint32_t j) {
-    return p.species[p.owner(i)] == Species::membrane && p.species[p.owner(j)] == Species::membrane;
+bool of_membrane(const ParticleColumns& p, std::uint32_t row) {
+    return p.species[p.owner(row)] == Species::membrane;
 }
 
 Candidate by_id(const ParticleColumns& p, std::uint32_t a, std::uint32_t b) {
@@ -129,6 +128,7 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
             const auto i = static_cast<std::uint32_t>(row);
             if (!moves(p, i))
                 continue;
+            const bool sheet = of_membrane(p, i); // held together by its edges, not by contacts
             const std::size_t before = found.size();
             const Record self = p.bodies[i].position;
             const std::size_t own = classes == 1 ? 0 : size_class(self.w, largest_radius_);
@@ -140,7 +140,7 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
                 for (const std::uint32_t j : near)
                     if (j != i &&
                         (c < own || (c == own ? holder(p, i, j) == i : !moves(p, j) || p.in_halo(j))) &&
-                        !both_of_membrane(p, i, j))
+                        !(sheet && of_membrane(p, j)))
                         found.push_back(j);
             }
             first_[row + 1] = static_cast<std::uint32_t>(found.size() - before);

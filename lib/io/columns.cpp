@@ -200,21 +200,24 @@ void write_species(const hdf::Group& group, const std::vector<Species>& species,
                 {.filter = compressed, .rows = rows});
 }
 
+void link_to_particles(const hdf::Group& root, const hdf::Dataset& pairs) {
+    hobj_ref_t reference{};
+    const hdf::Id space(H5Screate(H5S_SCALAR), H5Sclose);
+    const hdf::Id attribute(
+        H5Acreate2(pairs.id(), "particles_group", H5T_STD_REF_OBJ, space, H5P_DEFAULT, H5P_DEFAULT),
+        H5Aclose);
+    if (H5Rcreate(&reference, root.id(), "/particles/all", H5R_OBJECT, -1) < 0 ||
+        H5Awrite(attribute, H5T_STD_REF_OBJ, &reference) < 0)
+        root.context().fail_hdf(pairs.path(), "linked to its particles");
+}
+
 void write_contacts(const hdf::Group& root, const ContactTable& contacts) {
     const std::size_t n = contacts.size();
     const hdf::Dataset pairs =
         root.write("connectivity/contacts", reinterpret_cast<const std::int64_t*>(contacts.pair.data()),
                    {n, 2}, {.filter = compressed});
-    if (root.is_group("particles/all")) { // which particles the rows name: H5MD wants a reference
-        hobj_ref_t reference{};
-        const hdf::Id space(H5Screate(H5S_SCALAR), H5Sclose);
-        const hdf::Id attribute(
-            H5Acreate2(pairs.id(), "particles_group", H5T_STD_REF_OBJ, space, H5P_DEFAULT, H5P_DEFAULT),
-            H5Aclose);
-        if (H5Rcreate(&reference, root.id(), "/particles/all", H5R_OBJECT, -1) < 0 ||
-            H5Awrite(attribute, H5T_STD_REF_OBJ, &reference) < 0)
-            root.context().fail_hdf(pairs.path(), "linked to its particles");
-    }
+    if (root.is_group("particles/all"))
+        link_to_particles(root, pairs);
     root.write("granular/contacts/image", reinterpret_cast<const std::int8_t*>(contacts.image.data()), {n, 3},
                {.filter = compressed});
     root.write("granular/contacts/normal_overlap", contacts.normal_overlap, {.unit = "m"});

@@ -156,6 +156,10 @@ std::size_t Dataset::size() const {
     return n;
 }
 
+std::uint64_t Dataset::stored_size() const {
+    return H5Dget_storage_size(id_);
+}
+
 bool Dataset::is_number() const {
     const Id type(H5Dget_type(id_), H5Tclose);
     const H5T_class_t kind = H5Tget_class(type);

@@ -72,7 +72,9 @@ Id access_for_writing(Context& context) {
         cache.metadata_write_strategy = H5AC_METADATA_WRITE_STRATEGY__PROCESS_0_ONLY;
     }
     H5Pset_mdc_config(access, &cache);
-    if (context.alone())
+    if (context.writers.in_memory)
+        H5Pset_fapl_core(access, 4096, false); // grows in such strides
+    else if (context.alone())
         use_recording_driver(access, context.record);
     else
         H5Pset_fapl_mpio(access, *static_cast<const MPI_Comm*>(context.writers.together.communicator),
@@ -216,6 +218,12 @@ void File::flush() const {
     context_->make_room(0);
     context_->settle(H5Fflush(id_, H5F_SCOPE_LOCAL) >= 0, "", "flushed");
     context_->note_flush();
+}
+
+std::uint64_t File::length() const {
+    hsize_t size = 0;
+    context_->settle(H5Fget_filesize(id_, &size) >= 0, "", "measured");
+    return size;
 }
 
 void File::close() {

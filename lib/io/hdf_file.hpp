@@ -32,6 +32,7 @@ namespace talus::io::hdf {
 struct Writers {
     Together together;
     AtomicFile* output = nullptr; ///< the first rank's, which takes the room; not needed alone
+    bool in_memory = false;       ///< no file is made: to learn how large it would be
 };
 
 /// Which file the objects below belong to; its words make the errors.
@@ -173,6 +174,7 @@ public:
     /// Reads chunk by chunk and drops the data: tests the checksums.
     void check() const;
     std::size_t size() const;
+    std::uint64_t stored_size() const; ///< bytes of the data in the file, after filters
     void set(const std::string& name, std::span<const double> values) const;
     void set(const std::string& name, const std::string& text) const;
 
@@ -292,7 +294,8 @@ public:
     /// From now on errors are those of writing the output that the user calls `name`.
     void now_written(const std::string& name);
     void flush() const;
-    void close(); ///< and throws where something could not be written
+    std::uint64_t length() const; ///< bytes, flushed
+    void close();                 ///< and throws where something could not be written
 
 private:
     static File begin(const std::string& name, bool writing);

@@ -132,10 +132,13 @@ void write_model(const std::string& path, const ModelFile& file, bool overwrite)
     AtomicFile output(path, overwrite);
     AtomicFile sidecar(sidecar_path(path), true);
     hdf::File to = create_file(output.partial(), path, FileKind::model, file.provenance, file.config);
-    if (const auto* tiled = std::get_if<TiledModel>(&file.model))
-        sidecar.write(write_tiled(to, path, *tiled));
-    else
+    if (const auto* tiled = std::get_if<TiledModel>(&file.model)) {
+        TiledColumns columns(to, *tiled);
+        columns.add(tiled->tiles, tiled->kept_mask, tiled->fixed_mask, tiled->release_mask);
+        sidecar.write(columns.finish(path));
+    } else {
         sidecar.write(write_explicit(to, path, std::get<Grains>(file.model)));
+    }
     complete_and_close(to);
     output.commit();
     sidecar.commit();

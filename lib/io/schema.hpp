@@ -38,6 +38,8 @@ std::string read_config(const hdf::File& file);
 void write_vectors(const hdf::Group& group, const std::string& name, const std::vector<Vec3>& values,
                    std::string_view unit);
 void write_species(const hdf::Group& group, const std::vector<Species>& species, Rows rows = {});
+/// Says which particles the rows of `pairs` name: H5MD wants a reference to /particles/all.
+void link_to_particles(const hdf::Group& root, const hdf::Dataset& pairs);
 void write_contacts(const hdf::Group& root, const ContactTable& contacts);
 /// H5MD's box: the boundary's kind, `edges` (m), and both corners, which H5MD does not know.
 void write_box(const hdf::Group& particles, const Box& box);

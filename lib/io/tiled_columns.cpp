@@ -2,25 +2,17 @@
 #include "io/tiled_columns.hpp"
 
 #include "io/schema.hpp"
-#include "io/validate.hpp"
 #include "io/xdmf.hpp"
 
+#include <algorithm>
+#include <array>
 #include <fmt/format.h>
+#include <utility>
 
 namespace talus::io {
 namespace {
 
 constexpr auto compressed = hdf::Filter::compressed;
-
-/// One member of all tiles as a column.
-template <class T, class Member>
-std::vector<T> column(const TiledModel& model, Member member) {
-    std::vector<T> values;
-    values.reserve(model.tiles.size());
-    for (const TiledModel::Tile& tile : model.tiles)
-        values.push_back(static_cast<T>(tile.*member));
-    return values;
-}
 
 void write_packing(const hdf::Group& group, const PgBox& box) {
     group.set("length", box.length);
@@ -53,16 +45,6 @@ PgBox read_packing(const hdf::Group& group) {
     return box;
 }
 
-/// Relative to the origin, m, f32: for pictures only.
-std::vector<float> centres(const TiledModel& model) {
-    std::vector<float> values;
-    values.reserve(3 * model.tiles.size());
-    for (const TiledModel::Tile& tile : model.tiles)
-        for (const std::int32_t index : tile.index)
-            values.push_back(static_cast<float>((index + 0.5) * model.edge()));
-    return values;
-}
-
 Vec3 vector_of(const hdf::Group& group, const std::string& name) {
     const std::vector<double> v = group.numbers(name);
     if (v.size() != 3)
@@ -71,49 +53,117 @@ Vec3 vector_of(const hdf::Group& group, const std::string& name) {
     return {v[0], v[1], v[2]};
 }
 
-std::vector<std::uint8_t> read_mask(const hdf::Group& group, const std::string& name) {
-    return group.has(name) ? group.dataset(name).read<std::uint8_t>() : std::vector<std::uint8_t>();
-}
-
 } // namespace
 
-std::string write_tiled(const hdf::File& to, const std::string& path, const TiledModel& model) {
-    check_tiled(to.context(), model);
+void write_table(const hdf::Group& group, const std::deque<TiledModel::Tile>& tiles, double edge) {
+    using Tile = TiledModel::Tile;
+    const std::size_t n = tiles.size();
+    // One column of values at a time in memory.
+    const auto write = [&]<class T, std::size_t width>(const char* name, std::string_view unit,
+                                                       auto&& values) {
+        std::vector<T> column;
+        column.reserve(width * n);
+        for (const Tile& tile : tiles)
+            for (const auto value : values(tile))
+                column.push_back(static_cast<T>(value));
+        const hdf::Dims dims = width > 1 ? hdf::Dims{n, width} : hdf::Dims{n};
+        group.write(name, column.data(), dims, {.unit = unit, .filter = compressed});
+    };
+    using std::array;
+    write.operator()<std::int32_t, 3>("index", "", [](const Tile& t) { return t.index; });
+    write.operator()<std::uint8_t, 1>("box", "", [](const Tile& t) { return array{t.box}; });
+    write.operator()<std::uint8_t, 1>("class", "", [](const Tile& t) { return array{t.kind}; });
+    write.operator()<std::uint32_t, 1>("kept", "", [](const Tile& t) { return array{t.kept}; });
+    write.operator()<std::uint64_t, 1>("first_particle", "",
+                                       [](const Tile& t) { return array{t.first_particle}; });
+    // Relative to the origin: for pictures only.
+    write.operator()<float, 3>("centre", "m", [edge](const Tile& t) {
+        return array{(t.index[0] + 0.5) * edge, (t.index[1] + 0.5) * edge, (t.index[2] + 0.5) * edge};
+    });
+}
+
+MaskColumn::MaskColumn(const hdf::Group& group, const std::string& name)
+    : column_(group, name, "", compressed, 1, chunk) {}
+
+void MaskColumn::append(std::span<const std::uint8_t> bytes, std::size_t count) {
+    if (bytes.empty())
+        waiting_.resize(waiting_.size() + count, 0);
+    else
+        waiting_.insert(waiting_.end(), bytes.begin(), bytes.end());
+}
+
+void MaskColumn::flush() {
+    marked_ = marked_ || std::any_of(waiting_.begin(), waiting_.end(), [](std::uint8_t b) { return b != 0; });
+    if (marked_) {
+        const std::vector<std::uint8_t> zeros(zero_chunks_ > 0 ? chunk : 0, 0);
+        for (; zero_chunks_ > 0; --zero_chunks_)
+            column_.append(zeros.data(), chunk);
+        column_.append(waiting_.data(), waiting_.size());
+    } else {
+        ++zero_chunks_;
+    }
+    waiting_.clear();
+}
+
+void MaskColumn::finish() {
+    flush();
+    column_.finish();
+    column_.close();
+}
+
+TiledColumns::TiledColumns(const hdf::File& to, const TiledModel& model)
+    : model_(model), check_(to.context(), model), kept_(tiling_, "kept_mask"), fixed_(tiling_, "fixed_mask"),
+      release_(tiling_, "release_mask") {
+    check_frame(to.context(), model);
     const hdf::Group root = to.root();
     for (std::size_t b = 0; b < model.boxes.size(); ++b)
         write_packing(root.create_group(fmt::format("granular/boxes/{:04}", b)), model.boxes[b]);
-
-    const hdf::Group tiling = root.create_group("granular/tiling");
-    tiling.set("scale", model.scale);
-    tiling.set("edge", model.edge());
-    tiling.set("particle_count", static_cast<std::int64_t>(model.size()));
-    tiling.set("origin", std::span<const double>(&model.origin.x, 3));
-    tiling.set("coordinate_system", model.coordinate_system);
-    tiling.set("domain_lower", std::span<const double>(&model.domain.lower.x, 3));
-    tiling.set("domain_upper", std::span<const double>(&model.domain.upper.x, 3));
+    tiling_ = root.create_group("granular/tiling");
+    tiling_.set("scale", model.scale);
+    tiling_.set("edge", model.edge());
+    tiling_.set("origin", std::span<const double>(&model.origin.x, 3));
+    tiling_.set("coordinate_system", model.coordinate_system);
+    tiling_.set("domain_lower", std::span<const double>(&model.domain.lower.x, 3));
+    tiling_.set("domain_upper", std::span<const double>(&model.domain.upper.x, 3));
     std::vector<std::int64_t> periodic;
     for (const bool p : model.domain.periodic)
         periodic.push_back(p);
-    tiling.set("domain_periodic", std::span<const std::int64_t>(periodic));
+    tiling_.set("domain_periodic", std::span<const std::int64_t>(periodic));
+}
 
-    using Tile = TiledModel::Tile;
-    const std::size_t n = model.tiles.size();
-    std::vector<std::int32_t> index;
-    index.reserve(3 * n);
-    for (const Tile& tile : model.tiles)
-        index.insert(index.end(), tile.index.begin(), tile.index.end());
-    tiling.write("index", index.data(), {n, 3}, {.filter = compressed});
-    tiling.write("box", column<std::uint8_t>(model, &Tile::box), {.filter = compressed});
-    tiling.write("class", column<std::uint8_t>(model, &Tile::kind), {.filter = compressed});
-    tiling.write("kept", column<std::uint32_t>(model, &Tile::kept), {.filter = compressed});
-    tiling.write("first_particle", column<std::uint64_t>(model, &Tile::first_particle),
-                 {.filter = compressed});
-    for (const auto& [name, mask] :
-         {std::pair{"kept_mask", &model.kept_mask}, std::pair{"fixed_mask", &model.fixed_mask},
-          std::pair{"release_mask", &model.release_mask}})
-        tiling.write(name, *mask, {.filter = compressed});
-    tiling.write("centre", centres(model).data(), {n, 3}, {.unit = "m", .filter = compressed});
+void TiledColumns::add(std::span<const TiledModel::Tile> tiles, std::span<const std::uint8_t> kept,
+                       std::span<const std::uint8_t> fixed, std::span<const std::uint8_t> release) {
+    check_.tiles(tiles, kept, fixed, release);
+    tiles_.insert(tiles_.end(), tiles.begin(), tiles.end());
+    for (std::size_t at = 0; at < kept.size();) {
+        const std::size_t count = std::min(kept.size() - at, MaskColumn::chunk - filled_);
+        const auto part = [&](std::span<const std::uint8_t> mask) {
+            return mask.empty() ? mask : mask.subspan(at, count);
+        };
+        kept_.append(part(kept), count);
+        fixed_.append(part(fixed), count);
+        release_.append(part(release), count);
+        at += count;
+        filled_ += count;
+        if (filled_ < MaskColumn::chunk)
+            continue;
+        kept_.flush();
+        fixed_.flush();
+        release_.flush();
+        filled_ = 0;
+    }
+}
 
+std::string TiledColumns::finish(const std::string& path) {
+    if (check_.next() == 0)
+        tiling_.context().fail(tiling_.path(),
+                               "holds no particle; make the region larger or the tiles smaller");
+    kept_.finish();
+    fixed_.finish();
+    release_.finish();
+    tiling_.set("particle_count", static_cast<std::int64_t>(check_.next()));
+    write_table(tiling_, tiles_, model_.edge());
+    const std::size_t n = tiles_.size();
     const std::string where = "/granular/tiling/";
     return xdmf_points(
         path, "tiles",
@@ -122,7 +172,25 @@ std::string write_tiled(const hdf::File& to, const std::string& path, const Tile
          {.name = "class", .path = where + "class", .rows = n, .number = "UChar", .precision = 1}});
 }
 
-TiledModel read_tiled(const hdf::File& from) {
+std::vector<std::uint8_t> read_mask(const hdf::File& from, const std::string& name, std::uint64_t first,
+                                    std::uint64_t count) {
+    const hdf::Group tiling = from.root().group("granular/tiling");
+    if (!tiling.has(name))
+        return {};
+    const hdf::Dataset mask = tiling.dataset(name);
+    const std::uint64_t size = mask.size();
+    if (size == 0 && name != "kept_mask")
+        return {};
+    if (first > size || count > size - first)
+        from.context().fail(mask.path(), fmt::format("has {} bytes, {} to {} are needed; make the model anew",
+                                                     size, first, first + count));
+    std::vector<std::uint8_t> bytes(count);
+    if (count > 0)
+        mask.read(bytes.data(), {first}, {count});
+    return bytes;
+}
+
+TiledModel read_tile_table(const hdf::File& from) {
     const hdf::Group root = from.root();
     TiledModel model;
     const hdf::Group boxes = root.group("granular/boxes");
@@ -160,9 +228,23 @@ TiledModel read_tiled(const hdf::File& from) {
                           kept[t],
                           first[t]};
     }
-    model.kept_mask = read_mask(tiling, "kept_mask");
-    model.fixed_mask = read_mask(tiling, "fixed_mask");
-    model.release_mask = read_mask(tiling, "release_mask");
+    check_frame(from.context(), model);
+    TileCheck check(from.context(), model);
+    for (const TiledModel::Tile& tile : model.tiles)
+        check.table(tile);
+    if (check.next() == 0)
+        from.context().fail(tiling.path(), "holds no particle; make the region larger or the tiles smaller");
+    return model;
+}
+
+TiledModel read_tiled(const hdf::File& from) {
+    TiledModel model = read_tile_table(from);
+    const hdf::Group tiling = from.root().group("granular/tiling");
+    for (const auto& [name, mask] :
+         {std::pair{"kept_mask", &model.kept_mask}, std::pair{"fixed_mask", &model.fixed_mask},
+          std::pair{"release_mask", &model.release_mask}})
+        if (tiling.has(name))
+            *mask = tiling.dataset(name).read<std::uint8_t>();
     check_tiled(from.context(), model);
     return model;
 }

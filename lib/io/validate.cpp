@@ -120,6 +120,8 @@ void check_grains(const hdf::Context& context, const Grains& grains, Rows rows) 
 
 namespace {
 
+const std::string tiling = "/granular/tiling";
+
 /// Bits set in a tile's mask; bits beyond the last row must not be.
 std::size_t count_bits(std::span<const std::uint8_t> mask) {
     std::size_t bits = 0;
@@ -137,8 +139,7 @@ bool is_subset(std::span<const std::uint8_t> mask, std::span<const std::uint8_t>
 
 } // namespace
 
-void check_tiled(const hdf::Context& context, const TiledModel& model) {
-    const std::string group = "/granular/tiling";
+void check_frame(const hdf::Context& context, const TiledModel& model) {
     if (model.boxes.empty())
         context.fail("/granular/boxes", "holds no PG box; make the model anew");
     for (std::size_t b = 0; b < model.boxes.size(); ++b) {
@@ -148,51 +149,76 @@ void check_tiled(const hdf::Context& context, const TiledModel& model) {
                          "differs in length from box 0; use boxes of one length");
     }
     if (!(model.scale > 0) || !std::isfinite(model.scale))
-        context.fail(group, fmt::format("scale is {}; a finite number above 0 is needed", model.scale));
+        context.fail(tiling, fmt::format("scale is {}; a finite number above 0 is needed", model.scale));
     if (!is_finite(model.origin) || !is_finite(model.domain.lower) || !is_finite(model.domain.upper))
-        context.fail(group, "origin or domain is not finite; make the model anew");
-    if (model.size() == 0)
-        context.fail(group, "holds no particle; make the region larger or the tiles smaller");
-    std::uint64_t next = 0;
-    std::size_t byte = 0;
-    for (std::size_t t = 0; t < model.tiles.size(); ++t) {
-        const TiledModel::Tile& tile = model.tiles[t];
-        const auto broken = [&](const std::string& what) {
-            context.fail(group, fmt::format("tile {}: {}; make the model anew", t, what));
-        };
-        if (tile.box >= model.boxes.size())
-            broken(fmt::format("names box {} of {}", tile.box, model.boxes.size()));
-        if (tile.first_particle != next)
-            broken(fmt::format("starts with particle {}, not {}", tile.first_particle, next));
-        next += tile.kept;
-        const std::size_t grains = model.boxes[tile.box].size();
-        if (tile.kind == TileClass::full) {
-            if (tile.kept != grains)
-                broken(fmt::format("is full, but keeps {} of {} grains", tile.kept, grains));
-            continue;
-        }
-        const std::size_t bytes = (grains + 7) / 8;
-        if (byte + bytes > model.kept_mask.size())
-            broken("lies beyond the end of kept_mask");
-        const auto part = [&](const std::vector<std::uint8_t>& mask) {
-            return mask.empty() ? std::span<const std::uint8_t>() : std::span(mask).subspan(byte, bytes);
-        };
-        for (const auto* mask : {&model.fixed_mask, &model.release_mask})
-            if (!mask->empty() && mask->size() != model.kept_mask.size())
-                broken("masks differ in length");
-        const auto kept = part(model.kept_mask);
+        context.fail(tiling, "origin or domain is not finite; make the model anew");
+}
+
+TileCheck::TileCheck(const hdf::Context& context, const TiledModel& model, std::uint64_t first_tile,
+                     std::uint64_t first_particle)
+    : context_(context), model_(model), tile_(first_tile), next_(first_particle) {}
+
+void TileCheck::broken(const std::string& what) const {
+    context_.fail(tiling, fmt::format("tile {}: {}; make the model anew", tile_, what));
+}
+
+void TileCheck::table(const TiledModel::Tile& tile) {
+    if (tile.box >= model_.boxes.size())
+        broken(fmt::format("names box {} of {}", tile.box, model_.boxes.size()));
+    if (tile.first_particle != next_)
+        broken(fmt::format("starts with particle {}, not {}", tile.first_particle, next_));
+    const std::size_t grains = model_.boxes[tile.box].size();
+    if (tile.kind == TileClass::full && tile.kept != grains)
+        broken(fmt::format("is full, but keeps {} of {} grains", tile.kept, grains));
+    next_ += tile.kept;
+    ++tile_;
+}
+
+void TileCheck::tile(const TiledModel::Tile& tile, std::span<const std::uint8_t> kept,
+                     std::span<const std::uint8_t> fixed, std::span<const std::uint8_t> release) {
+    if (tile.kind == TileClass::cut) {
+        const std::size_t grains = model_.boxes[tile.box].size();
         if (grains % 8 != 0 && kept.back() >> (grains % 8) != 0)
             broken("keeps grains beyond its box's last row");
         if (count_bits(kept) != tile.kept)
             broken(fmt::format("keeps {} grains, its mask {}", tile.kept, count_bits(kept)));
-        if (!is_subset(part(model.fixed_mask), kept) || !is_subset(part(model.release_mask), kept))
+        if (!is_subset(fixed, kept) || !is_subset(release, kept))
             broken("fixes or releases grains that it does not keep");
+    }
+    table(tile);
+}
+
+void TileCheck::tiles(std::span<const TiledModel::Tile> tiles, std::span<const std::uint8_t> kept,
+                      std::span<const std::uint8_t> fixed, std::span<const std::uint8_t> release) {
+    if ((!fixed.empty() && fixed.size() != kept.size()) ||
+        (!release.empty() && release.size() != kept.size()))
+        broken("masks differ in length");
+    std::size_t byte = 0;
+    for (const TiledModel::Tile& each : tiles) {
+        if (each.box >= model_.boxes.size())
+            broken(fmt::format("names box {} of {}", each.box, model_.boxes.size()));
+        const std::size_t bytes =
+            each.kind == TileClass::cut ? (model_.boxes[each.box].size() + 7) / 8 : std::size_t{0};
+        if (byte + bytes > kept.size())
+            broken("lies beyond the end of kept_mask");
+        const auto part = [&](std::span<const std::uint8_t> mask) {
+            return mask.empty() ? mask : mask.subspan(byte, bytes);
+        };
+        tile(each, part(kept), part(fixed), part(release));
         byte += bytes;
     }
-    if (byte != model.kept_mask.size())
-        context.fail(group + "/kept_mask",
-                     fmt::format("has {} bytes, the cut tiles need {}; make the model anew",
-                                 model.kept_mask.size(), byte));
+    if (byte != kept.size())
+        context_.fail(
+            tiling + "/kept_mask",
+            fmt::format("has {} bytes, the cut tiles need {}; make the model anew", kept.size(), byte));
+}
+
+void check_tiled(const hdf::Context& context, const TiledModel& model) {
+    check_frame(context, model);
+    TileCheck check(context, model);
+    if (model.size() == 0)
+        context.fail(tiling, "holds no particle; make the region larger or the tiles smaller");
+    check.tiles(model.tiles, model.kept_mask, model.fixed_mask, model.release_mask);
 }
 
 } // namespace talus::io

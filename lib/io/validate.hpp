@@ -25,4 +25,34 @@ void check_pgbox(const hdf::Context& context, const std::string& group, const Pg
 void check_grains(const hdf::Context& context, const Grains& grains, Rows rows = {});
 void check_tiled(const hdf::Context& context, const TiledModel& model);
 
+/// A tiled model's boxes, scale, origin and domain.
+void check_frame(const hdf::Context& context, const TiledModel& model);
+
+/// The rules of a tiled model's table and masks, tile by tile in the model's order, so that nobody needs to
+/// hold all of it.
+class TileCheck {
+public:
+    /// @param model checked by check_frame(); must outlive the object, its tiles are not looked at
+    /// @param first_particle number of the first tile's first particle
+    TileCheck(const hdf::Context& context, const TiledModel& model, std::uint64_t first_tile = 0,
+              std::uint64_t first_particle = 0);
+    /// The next tile without its masks.
+    void table(const TiledModel::Tile& tile);
+    /// The next tile; of a cut one the bytes of its masks, empty ones where no bit is set.
+    void tile(const TiledModel::Tile& tile, std::span<const std::uint8_t> kept,
+              std::span<const std::uint8_t> fixed, std::span<const std::uint8_t> release);
+    /// The next tiles with their masks one after the other.
+    void tiles(std::span<const TiledModel::Tile> tiles, std::span<const std::uint8_t> kept,
+               std::span<const std::uint8_t> fixed, std::span<const std::uint8_t> release);
+    /// Number of the particle that follows.
+    std::uint64_t next() const { return next_; }
+
+private:
+    [[noreturn]] void broken(const std::string& what) const;
+
+    const hdf::Context& context_;
+    const TiledModel& model_;
+    std::uint64_t tile_, next_;
+};
+
 } // namespace talus::io

@@ -40,4 +40,11 @@ struct TiledModel {
     std::uint64_t size() const { return tiles.empty() ? 0 : tiles.back().first_particle + tiles.back().kept; }
 };
 
+/// Some tiles of a model that follow one another, with the masks of the cut ones among them, as in
+/// TiledModel; a mask that has no bit set may be empty instead.
+struct TileBatch {
+    std::vector<TiledModel::Tile> tiles;
+    std::vector<std::uint8_t> kept_mask, fixed_mask, release_mask;
+};
+
 } // namespace talus

@@ -23,7 +23,13 @@ MinMaxPyramid::MinMaxPyramid(std::size_t columns, std::size_t rows, std::vector<
 Bounds MinMaxPyramid::range(std::size_t c0, std::size_t c1, std::size_t r0, std::size_t r1) const {
     Bounds result;
     const std::size_t range[4] = {c0, std::min(c1, columns()), r0, std::min(r1, rows())};
-    if (range[0] < range[1] && range[2] < range[3])
+    if (range[0] >= range[1] || range[2] >= range[3])
+        return result;
+    if ((range[1] - range[0]) * (range[3] - range[2]) <= 16) { // fewer than the levels and what lies beside
+        for (std::size_t row = range[2]; row < range[3]; ++row)
+            for (std::size_t column = range[0]; column < range[1]; ++column)
+                result.include(leaf(column, row));
+    } else
         descend(levels_.size() - 1, 0, 0, range, result);
     return result;
 }

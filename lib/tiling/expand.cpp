@@ -11,6 +11,8 @@
 #include <cstdlib>
 #include <cstring>
 #include <fmt/format.h>
+#include <tuple>
+#include <utility>
 
 namespace talus::tiling {
 
@@ -47,6 +49,9 @@ Expander::Expander(const TiledModel& model) : model_(model) {
         seamless_ = seamless_ && (&box == &model.boxes.front() || !seam_difference(model.boxes.front(), box));
     }
     check_and_index();
+    if (by_columns_)
+        for (BoxContacts& contacts : contacts_)
+            keep_later(contacts);
 }
 
 Expander::BoxContacts Expander::both_ways(const PgBox& box) {
@@ -77,11 +82,35 @@ Expander::BoxContacts Expander::both_ways(const PgBox& box) {
     return result;
 }
 
+/// Leaves out what a lower particle counts, and sorts by the partner's number.
+void Expander::keep_later(BoxContacts& contacts) {
+    // Neighbour numbers are (z, y, x) from the slowest; tiles are in order of (y, x, z).
+    const auto later = [](std::uint8_t n) { return n / 3 % 3 * 9 + n % 3 * 3 + n / 9; };
+    constexpr int itself = 13;
+    BoxContacts kept;
+    kept.start.push_back(0);
+    for (std::size_t row = 0; row + 1 < contacts.start.size(); ++row) {
+        for (std::uint32_t k = contacts.start[row]; k < contacts.start[row + 1]; ++k) {
+            const Partner& partner = contacts.partner[k];
+            const int order = later(partner.neighbour);
+            if (order > itself || (order == itself && partner.row > row))
+                kept.partner.push_back(partner);
+        }
+        std::sort(kept.partner.begin() + kept.start.back(), kept.partner.end(),
+                  [&](const Partner& a, const Partner& b) {
+                      return std::pair(later(a.neighbour), a.row) < std::pair(later(b.neighbour), b.row);
+                  });
+        kept.start.push_back(static_cast<std::uint32_t>(kept.partner.size()));
+    }
+    contacts = std::move(kept);
+}
+
 void Expander::check_and_index() {
     const std::size_t count = model_.tiles.size();
     mask_start_.resize(count);
     rank_start_.resize(count);
-    std::uint64_t bytes = 0, ranks = 0, first = 0;
+    std::uint64_t bytes = 0, ranks = 0;
+    std::uint64_t first = count > 0 ? model_.tiles.front().first_particle : 0; // of a part of a model
     for (std::size_t t = 0; t < count; ++t) {
         const TiledModel::Tile& tile = model_.tiles[t];
         if (tile.box >= model_.boxes.size())
@@ -125,6 +154,11 @@ void Expander::check_and_index() {
     std::sort(by_index_.begin(), by_index_.end(), [this](std::uint32_t a, std::uint32_t b) {
         return model_.tiles[a].index < model_.tiles[b].index;
     });
+    const auto column_order = [](const std::array<std::int32_t, 3>& i) {
+        return std::tuple(i[1], i[0], i[2]);
+    };
+    for (std::size_t t = 1; t < count && by_columns_; ++t)
+        by_columns_ = column_order(model_.tiles[t - 1].index) < column_order(model_.tiles[t].index);
     for (std::size_t k = 1; k < count; ++k)
         if (model_.tiles[by_index_[k]].index == model_.tiles[by_index_[k - 1]].index)
             refuse(fmt::format("tile {} lies on tile {}", by_index_[k], by_index_[k - 1]));
@@ -226,18 +260,82 @@ void Expander::for_each_contact(std::size_t tile, ContactsWanted wanted, Visit&&
     }
 }
 
+std::array<Expander::Near, 27> Expander::near(std::size_t tile) const {
+    const Neighbourhood numbers = neighbourhood(tile);
+    std::array<Near, 27> result;
+    for (std::size_t n = 0; n < 27; ++n) {
+        if (numbers[n] == no_tile)
+            continue;
+        const TiledModel::Tile& t = model_.tiles[numbers[n]];
+        Near& near = result[n];
+        near.there = true;
+        near.first_particle = t.first_particle;
+        if (t.kind == TileClass::full)
+            continue;
+        near.kept = mask(model_.kept_mask, numbers[n]);
+        near.fixed = model_.fixed_mask.empty() ? nullptr : mask(model_.fixed_mask, numbers[n]);
+        near.rank = rank_.data() + rank_start_[numbers[n]];
+        near.bytes = mask_bytes(model_.boxes[t.box].size());
+    }
+    return result;
+}
+
+/// As for_each_contact() where contacts are those with later partners, in order: nothing to sort.
+template <class Visit>
+void Expander::for_each_later_contact(std::size_t tile, ContactsWanted wanted, Visit&& visit) const {
+    const TiledModel::Tile& t = model_.tiles[tile];
+    const BoxContacts& contacts = contacts_[t.box];
+    const std::array<Near, 27> near = this->near(tile);
+    const Near& own = near[13];
+    const bool mobile = wanted == ContactsWanted::mobile;
+    std::uint64_t i = t.first_particle;
+    const std::size_t size = model_.boxes[t.box].size();
+    for (std::size_t row = 0; row < size; ++row) {
+        if (own.kept != nullptr && !mask_bit(own.kept, row))
+            continue;
+        const bool i_fixed = mobile && own.fixed != nullptr && mask_bit(own.fixed, row);
+        for (std::uint32_t k = contacts.start[row]; k < contacts.start[row + 1]; ++k) {
+            const Partner& partner = contacts.partner[k];
+            const Near& other = near[partner.neighbour];
+            if (!other.there)
+                continue;
+            std::uint64_t j = other.first_particle;
+            if (other.kept == nullptr) {
+                j += partner.row;
+            } else {
+                const std::size_t word = partner.row / 64;
+                const std::uint64_t bits = mask_word(other.kept, word, other.bytes);
+                const std::uint64_t bit = std::uint64_t{1} << (partner.row % 64);
+                if ((bits & bit) == 0 ||
+                    (i_fixed && other.fixed != nullptr && mask_bit(other.fixed, partner.row)))
+                    continue;
+                j += other.rank[word] + static_cast<std::uint64_t>(std::popcount(bits & (bit - 1)));
+            }
+            visit(i, j, partner.normal_overlap);
+        }
+        ++i;
+    }
+}
+
 Grains Expander::tiles(std::size_t first_tile, std::size_t last_tile, ContactsWanted wanted,
                        ThreadTeam& team) const {
     Grains grains;
+    tiles(first_tile, last_tile, wanted, team, grains);
+    return grains;
+}
+
+void Expander::tiles(std::size_t first_tile, std::size_t last_tile, ContactsWanted wanted, ThreadTeam& team,
+                     Grains& grains) const {
     grains.origin = model_.origin;
     grains.coordinate_system = model_.coordinate_system;
     grains.box = model_.domain;
     last_tile = std::min(last_tile, model_.tiles.size());
-    if (first_tile >= last_tile)
-        return grains;
-    const std::uint64_t base = model_.tiles[first_tile].first_particle;
-    const auto count = static_cast<std::size_t>(model_.tiles[last_tile - 1].first_particle +
-                                                model_.tiles[last_tile - 1].kept - base);
+    first_tile = std::min(first_tile, last_tile);
+    const bool some = first_tile < last_tile;
+    const std::uint64_t base = some ? model_.tiles[first_tile].first_particle : 0;
+    const auto count = some ? static_cast<std::size_t>(model_.tiles[last_tile - 1].first_particle +
+                                                       model_.tiles[last_tile - 1].kept - base)
+                            : std::size_t{0};
     grains.position.resize(count);
     grains.radius.resize(count);
     if (!model_.fixed_mask.empty())
@@ -253,29 +351,51 @@ Grains Expander::tiles(std::size_t first_tile, std::size_t last_tile, ContactsWa
                 body(k);
         });
     };
+    const auto each_contact = [&](std::size_t tile, auto&& visit) {
+        if (by_columns_)
+            for_each_later_contact(tile, wanted, visit);
+        else
+            for_each_contact(tile, wanted, visit);
+    };
     std::vector<std::uint64_t> start(tile_count + 1, 0);
     each_tile([&](std::size_t k) {
         write_particles(first_tile + k, grains, base);
+        std::uint64_t contacts = 0;
         if (wanted != ContactsWanted::none)
-            for_each_contact(first_tile + k, wanted,
-                             [&](std::uint64_t, std::uint64_t, double) { ++start[k + 1]; });
+            each_contact(first_tile + k, [&](std::uint64_t, std::uint64_t, double) { ++contacts; });
+        start[k + 1] = contacts;
     });
-    if (wanted == ContactsWanted::none)
-        return grains;
     for (std::size_t k = 0; k < tile_count; ++k)
         start[k + 1] += start[k];
     ContactTable& table = grains.contacts;
     table.pair.resize(start.back());
     table.image.resize(start.back());
     table.normal_overlap.resize(start.back());
+    if (wanted == ContactsWanted::none)
+        return;
     each_tile([&](std::size_t k) {
         std::size_t at = start[k];
-        for_each_contact(first_tile + k, wanted, [&](std::uint64_t i, std::uint64_t j, double overlap) {
+        each_contact(first_tile + k, [&](std::uint64_t i, std::uint64_t j, double overlap) {
             table.pair[at] = {static_cast<std::int64_t>(i), static_cast<std::int64_t>(j)};
+            table.image[at] = {0, 0, 0};
             table.normal_overlap[at++] = overlap * model_.scale;
         });
     });
-    return grains;
+}
+
+void expand_in_parts(const Expander& expander, ContactsWanted wanted, ThreadTeam& team,
+                     const std::function<void(const Grains&)>& use, std::uint64_t particles_at_once) {
+    const std::vector<TiledModel::Tile>& tiles = expander.model().tiles;
+    Grains grains;
+    for (std::size_t first = 0; first < tiles.size();) {
+        std::uint64_t particles = tiles[first].kept;
+        std::size_t last = first + 1;
+        while (last < tiles.size() && particles + tiles[last].kept <= particles_at_once)
+            particles += tiles[last++].kept;
+        expander.tiles(first, last, wanted, team, grains);
+        use(grains);
+        first = last;
+    }
 }
 
 Grains expand(const TiledModel& model, ThreadTeam& team, ContactsWanted wanted) {

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <span>
 #include <vector>
@@ -41,6 +42,9 @@ public:
     /// (variants, see seam_difference()), else it is left out.
     Grains tiles(std::size_t first_tile, std::size_t last_tile, ContactsWanted wanted,
                  ThreadTeam& team) const;
+    /// The same into `grains`, whose memory is used again.
+    void tiles(std::size_t first_tile, std::size_t last_tile, ContactsWanted wanted, ThreadTeam& team,
+               Grains& grains) const;
 
 private:
     struct Partner {
@@ -48,21 +52,36 @@ private:
         std::uint8_t neighbour; // 0 to 26, 13 the tile itself
         double normal_overlap;  // box metres
     };
+    /// Contacts of each row of a box. Where tiles are numbered by column (along x, then y) and upwards in
+    /// each, only those with partners that have higher numbers, in the order of the numbers.
     struct BoxContacts {
         std::vector<std::uint32_t> start; // [box size + 1]
         std::vector<Partner> partner;
+    };
+    /// What is needed of a tile to number its grains.
+    struct Near {
+        std::uint64_t first_particle = 0;
+        const std::uint8_t *kept = nullptr, *fixed = nullptr; // masks; none: a full tile, none fixed
+        const std::uint32_t* rank = nullptr;
+        std::size_t bytes = 0; // of a mask
+        bool there = false;
     };
     using Neighbourhood = std::array<std::uint32_t, 27>;
 
     void check_and_index();
     static BoxContacts both_ways(const PgBox& box);
+    static void keep_later(BoxContacts& contacts);
     Neighbourhood neighbourhood(std::size_t tile) const;
     const std::uint8_t* mask(const std::vector<std::uint8_t>& masks, std::size_t tile) const;
     void write_particles(std::size_t tile, Grains& grains, std::uint64_t base) const;
+    std::array<Near, 27> near(std::size_t tile) const;
     template <class Visit>
     void for_each_contact(std::size_t tile, ContactsWanted wanted, Visit&& visit) const;
+    template <class Visit>
+    void for_each_later_contact(std::size_t tile, ContactsWanted wanted, Visit&& visit) const;
 
     const TiledModel& model_;
+    bool by_columns_ = true;                ///< tiles are numbered as trim() does
     bool seamless_ = true;                  ///< any box may stand beside any other
     std::vector<BoxContacts> contacts_;     // by box
     std::vector<std::uint64_t> mask_start_; // [tiles], first byte of a cut tile's mask
@@ -70,6 +89,13 @@ private:
     std::vector<std::uint32_t> rank_;       // kept rows before each 64th row of a cut tile
     std::vector<std::uint32_t> by_index_;   // tiles sorted by lattice coordinates
 };
+
+/// Expands the whole model some tiles at a time, so that what lies in memory at once does not grow with it.
+/// @param use takes the particles of successive tiles, as Expander::tiles() gives them
+/// @param particles_at_once about so many of them
+void expand_in_parts(const Expander& expander, ContactsWanted wanted, ThreadTeam& team,
+                     const std::function<void(const Grains&)>& use,
+                     std::uint64_t particles_at_once = 1'000'000);
 
 /// The whole model, particle by particle, as `tile-trim --explicit` writes it.
 Grains expand(const TiledModel& model, ThreadTeam& team, ContactsWanted wanted = ContactsWanted::all);

@@ -2,17 +2,19 @@
 #include "tiling/trim.hpp"
 
 #include "base/error.hpp"
-#include "tiling/box_blocks.hpp"
+#include "tiling/box_tree.hpp"
 #include "tiling/lattice.hpp"
 #include "tiling/variant_draw.hpp"
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
+#include <condition_variable>
 #include <fmt/format.h>
 #include <limits>
+#include <mutex>
 #include <numbers>
+#include <optional>
 #include <utility>
 
 namespace talus::tiling {
@@ -37,8 +39,7 @@ std::uint64_t draw(const std::array<std::int32_t, 3>& index, std::uint32_t row) 
 
 /// Tiles of one column of space, made by one thread.
 struct Column {
-    std::vector<TiledModel::Tile> tiles;
-    std::vector<std::uint8_t> kept_mask, fixed_mask, release_mask;
+    TileBatch batch; ///< all three masks of each cut tile
     TrimCounts counts;
 };
 
@@ -46,7 +47,16 @@ struct Column {
 struct Sampling {
     bool masks = true;
     bool look_inside = true;
+    bool table = false; ///< list the tiles, also where nobody looks inside
     std::uint64_t stride = 1;
+    /// Of so many runs of `run` columns one is walked, drawn within each such group.
+    std::size_t every = 1;
+    std::size_t run = 16;
+
+    bool walks(std::size_t column) const {
+        const std::size_t number = column / run;
+        return every == 1 || number % every == draw({}, static_cast<std::uint32_t>(number / every)) % every;
+    }
 };
 
 class Walk {
@@ -69,12 +79,13 @@ public:
         }
         variants_.reserve(boxes.size());
         for (const PgBox& box : boxes) {
-            Variant& variant = variants_.emplace_back(Variant{box, BoxBlocks(box), {}, 0});
+            Variant& variant = variants_.emplace_back(Variant{box, BoxTree(box), {}, 0, {}});
             variant.grain_volume.reserve(box.size());
             for (double r : box.radius) {
                 variant.grain_volume.push_back(sphere_volume(r * scale));
                 variant.tile_volume += variant.grain_volume.back();
             }
+            variant.make_bulk();
         }
     }
 
@@ -85,6 +96,8 @@ public:
     }
 
     void walk_column(std::size_t number, const Sampling& sampling, Column& column) const {
+        if (!sampling.walks(number))
+            return;
         const auto nx = static_cast<std::size_t>(count_[0]);
         std::array<std::int32_t, 3> index{
             static_cast<std::int32_t>(first_[0] + static_cast<std::int64_t>(number % nx)),
@@ -103,12 +116,32 @@ public:
     }
 
 private:
+    /// All grains below a node at once.
+    struct Bulk {
+        std::vector<std::uint8_t> mask;
+        double volume; ///< m3, scaled
+    };
     /// A box and what the walk needs of it.
     struct Variant {
         const PgBox& box;
-        BoxBlocks blocks;
+        BoxTree tree;
         std::vector<double> grain_volume; ///< m3, scaled
         double tile_volume;
+        std::vector<Bulk> bulk; ///< by node of the tree; of the larger ones only
+
+        void make_bulk() {
+            const std::size_t bytes = mask_bytes(box.size());
+            for (std::size_t n = 0; n < tree.size(); ++n) {
+                const auto rows = tree.rows(tree.node(n));
+                if (rows.size() < bytes / 16)
+                    break; // they come level by level
+                Bulk& each = bulk.emplace_back(Bulk{std::vector<std::uint8_t>(bytes, 0), 0});
+                for (std::uint32_t row : rows) {
+                    set_mask_bit(each.mask.data(), row);
+                    each.volume += grain_volume[row];
+                }
+            }
+        }
     };
 
     void visit(const std::array<std::int32_t, 3>& index, const Sampling& sampling, Column& column) const {
@@ -125,25 +158,27 @@ private:
             ++column.counts.tiles_full;
             column.counts.particle_count += grains;
             column.counts.kept_volume += variant.tile_volume;
-            if (sampling.masks)
-                column.tiles.push_back({index, static_cast<std::uint8_t>(drawn), TileClass::full,
-                                        static_cast<std::uint32_t>(grains), 0});
+            if (sampling.masks || sampling.table)
+                column.batch.tiles.push_back({index, static_cast<std::uint8_t>(drawn), TileClass::full,
+                                              static_cast<std::uint32_t>(grains), 0});
             return;
         }
         ++column.counts.tiles_cut;
+        if (sampling.table)
+            column.batch.tiles.push_back({index, static_cast<std::uint8_t>(drawn), TileClass::cut, 0, 0});
         if (sampling.look_inside)
             look_inside(index, drawn, corner, cover, sampling, column);
     }
 
     void look_inside(const std::array<std::int32_t, 3>& index, std::size_t drawn, const Vec3& corner,
                      Cover tile_cover, const Sampling& sampling, Column& column) const {
-        const auto& [box, blocks, grain_volume, tile_volume] = variants_[drawn];
+        const auto& [box, tree, grain_volume, tile_volume, bulk] = variants_[drawn];
         const std::size_t bytes = mask_bytes(box.size());
-        const std::size_t at = column.kept_mask.size();
+        const std::size_t at = column.batch.kept_mask.size();
         if (sampling.masks) {
-            column.kept_mask.resize(at + bytes, 0);
-            column.fixed_mask.resize(at + bytes, 0);
-            column.release_mask.resize(at + bytes, 0);
+            column.batch.kept_mask.resize(at + bytes, 0);
+            column.batch.fixed_mask.resize(at + bytes, 0);
+            column.batch.release_mask.resize(at + bytes, 0);
         }
         TrimCounts& counts = column.counts;
         const TrimCounts before = counts;
@@ -157,33 +192,47 @@ private:
             counts.release_count += mark == Mark::released ? weight : 0;
             if (!sampling.masks)
                 return;
-            set_mask_bit(column.kept_mask.data() + at, row);
+            set_mask_bit(column.batch.kept_mask.data() + at, row);
             if (mark == Mark::fixed)
-                set_mask_bit(column.fixed_mask.data() + at, row);
+                set_mask_bit(column.batch.fixed_mask.data() + at, row);
             if (mark == Mark::released)
-                set_mask_bit(column.release_mask.data() + at, row);
+                set_mask_bit(column.batch.release_mask.data() + at, row);
         };
-        for (std::size_t block = 0; block < blocks.size(); ++block) {
-            const auto rows = blocks.rows(block);
-            if (rows.empty())
-                continue;
-            Cover cover = tile_cover;
-            if (tile_cover == Cover::mixed) {
-                ++counts.blocks_tested;
-                cover = region_.cover(grain_position(corner, scale_, blocks.lower(block)),
-                                      grain_position(corner, scale_, blocks.upper(block)));
-            }
+        // Grains below a node of the tree whose cover is known.
+        const auto settle = [&](const BoxTree::Node& node, Cover cover) {
             if (cover == Cover::outside)
-                continue;
+                return;
             if (cover != Cover::mixed) {
                 const Mark mark = cover == Cover::plain
                                       ? Mark::plain
                                       : (cover == Cover::fixed ? Mark::fixed : Mark::released);
-                for (std::uint32_t row : rows)
-                    keep(row, mark, 1);
-                continue;
+                const std::size_t number = tree.number(node);
+                if (number >= bulk.size()) {
+                    for (std::uint32_t row : tree.rows(node))
+                        keep(row, mark, 1);
+                    return;
+                }
+                const std::uint64_t grains = node.end - node.begin;
+                counts.particle_count += grains;
+                volume += bulk[number].volume;
+                counts.fixed_count += mark == Mark::fixed ? grains : 0;
+                counts.release_count += mark == Mark::released ? grains : 0;
+                if (!sampling.masks)
+                    return;
+                const auto add = [&](std::vector<std::uint8_t>& masks) {
+                    const std::uint8_t* from = bulk[number].mask.data();
+                    std::uint8_t* to = masks.data() + at;
+                    for (std::size_t b = 0; b < bytes; ++b)
+                        to[b] = static_cast<std::uint8_t>(to[b] | from[b]);
+                };
+                add(column.batch.kept_mask);
+                if (mark == Mark::fixed)
+                    add(column.batch.fixed_mask);
+                if (mark == Mark::released)
+                    add(column.batch.release_mask);
+                return;
             }
-            for (std::uint32_t row : rows) {
+            for (std::uint32_t row : tree.rows(node)) {
                 if (sampling.stride > 1 && draw(index, row) % sampling.stride != 0)
                     continue;
                 ++counts.grains_tested;
@@ -192,18 +241,29 @@ private:
                     region_.mark(grain_position(corner, scale_, box.position[row]), box.radius[row] * scale_),
                     sampling.stride);
             }
-        }
+        };
+        const auto descend = [&](const auto& self, const BoxTree::Node& node, Cover cover) -> void {
+            if (cover != Cover::mixed || node.leaf())
+                return settle(node, cover);
+            for (const BoxTree::Node& child : tree.children(node)) {
+                ++counts.blocks_tested;
+                self(self, child,
+                     region_.cover(grain_position(corner, scale_, child.lower),
+                                   grain_position(corner, scale_, child.upper)));
+            }
+        };
+        descend(descend, tree.root(), tile_cover);
         counts.kept_volume += volume;
         const std::uint64_t kept = counts.particle_count - before.particle_count;
         if (!sampling.masks)
             return;
         if (kept == 0) {
-            column.kept_mask.resize(at);
-            column.fixed_mask.resize(at);
-            column.release_mask.resize(at);
+            column.batch.kept_mask.resize(at);
+            column.batch.fixed_mask.resize(at);
+            column.batch.release_mask.resize(at);
             return;
         }
-        column.tiles.push_back(
+        column.batch.tiles.push_back(
             {index, static_cast<std::uint8_t>(drawn), TileClass::cut, static_cast<std::uint32_t>(kept), 0});
     }
 
@@ -227,21 +287,57 @@ void add(TrimCounts& sum, const TrimCounts& part) {
     sum.kept_volume += part.kept_volume;
 }
 
-/// Walks all columns, whichever thread is free taking the next; `columns[k]` depends on k alone.
-std::vector<Column> walk_all(const Walk& walk, const Sampling& sampling, ThreadTeam& team) {
-    std::vector<Column> columns(walk.columns());
-    std::atomic<std::size_t> next{0};
-    team.run([&](int) {
-        for (std::size_t k = next++; k < columns.size(); k = next++)
-            walk.walk_column(k, sampling, columns[k]);
-    });
-    return columns;
-}
-
-TrimCounts total(const Walk& walk, const std::vector<Column>& columns) {
+/// Walks all columns, whichever thread is free taking the next, and hands them to `use(column)` in order, one
+/// at a time; so many columns at most are begun beyond the one that is due.
+template <class Use>
+TrimCounts walk_all(const Walk& walk, const Sampling& sampling, ThreadTeam& team, Use&& use) {
+    constexpr std::size_t ahead = 128;
+    std::mutex mutex;
+    std::condition_variable changed;
+    std::vector<std::optional<Column>> done(ahead);
+    std::size_t taken = 0, used = 0;
+    bool using_one = false, failed = false;
+    const std::size_t count = walk.columns();
     TrimCounts counts;
-    for (const Column& column : columns) // in order: the same sum at any number of threads
-        add(counts, column.counts);
+    team.run([&](int) {
+        std::unique_lock lock(mutex);
+        const auto give_up = [&] {
+            if (!lock.owns_lock())
+                lock.lock();
+            failed = true;
+            changed.notify_all();
+        };
+        try {
+            for (;;) {
+                changed.wait(lock, [&] { return failed || taken == count || taken < used + ahead; });
+                if (failed || taken == count)
+                    return;
+                const std::size_t mine = taken++;
+                lock.unlock();
+                Column column;
+                walk.walk_column(mine, sampling, column);
+                lock.lock();
+                done[mine % ahead] = std::move(column);
+                if (using_one)
+                    continue;
+                using_one = true;
+                while (!failed && used < count && done[used % ahead]) {
+                    Column next = std::move(*done[used % ahead]);
+                    done[used % ahead].reset();
+                    lock.unlock();
+                    add(counts, next.counts); // in order: the same sum at any number of threads
+                    use(next);
+                    lock.lock();
+                    ++used;
+                    changed.notify_all();
+                }
+                using_one = false;
+            }
+        } catch (...) {
+            give_up();
+            throw;
+        }
+    });
     counts.tiles_total = walk.tiles_total();
     counts.tiles_skipped = counts.tiles_total - counts.tiles_full - counts.tiles_cut;
     return counts;
@@ -273,66 +369,200 @@ TrimResult trim(const PgBox& box, double scale, const Region& region, ThreadTeam
     return trim({&box, 1}, 0, scale, region, team);
 }
 
-TrimResult trim(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
-                ThreadTeam& team) {
-    const Walk walk(boxes, seed, scale, region);
-    std::vector<Column> columns = walk_all(walk, {}, team);
-    TrimResult result;
-    result.counts = total(walk, columns);
-    require_grains(result.counts.particle_count, walk.edge());
+void append(TiledModel& model, const TileBatch& batch) {
+    const auto add = [](auto& all, const auto& part) { all.insert(all.end(), part.begin(), part.end()); };
+    // A mask that is empty on one side stands for zeros.
+    const auto add_marks = [&](std::vector<std::uint8_t>& all, const std::vector<std::uint8_t>& part) {
+        if (all.empty() && part.empty())
+            return;
+        all.resize(model.kept_mask.size(), 0);
+        add(all, part);
+        all.resize(model.kept_mask.size() + batch.kept_mask.size(), 0);
+    };
+    add_marks(model.fixed_mask, batch.fixed_mask);
+    add_marks(model.release_mask, batch.release_mask);
+    add(model.kept_mask, batch.kept_mask);
+    add(model.tiles, batch.tiles);
+}
 
-    TiledModel& model = result.model;
+TiledModel tiled_frame(std::span<const PgBox> boxes, double scale, const Region& region) {
+    TiledModel model;
     model.boxes.assign(boxes.begin(), boxes.end());
     model.scale = scale;
     model.origin = region.origin();
     model.coordinate_system = region.coordinate_system();
     model.domain = region.bounds();
+    return model;
+}
+
+TrimCounts trim(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
+                ThreadTeam& team, const TileSink& sink) {
+    const Walk walk(boxes, seed, scale, region);
     std::uint64_t first = 0;
-    for (Column& column : columns) {
-        for (TiledModel::Tile& tile : column.tiles) {
+    const TrimCounts counts = walk_all(walk, {}, team, [&](Column& column) {
+        if (column.batch.tiles.empty())
+            return;
+        for (TiledModel::Tile& tile : column.batch.tiles) {
             tile.first_particle = first;
             first += tile.kept;
-            model.tiles.push_back(tile);
         }
-        const auto append = [](std::vector<std::uint8_t>& all, const std::vector<std::uint8_t>& part) {
-            all.insert(all.end(), part.begin(), part.end());
-        };
-        append(model.kept_mask, column.kept_mask);
-        if (result.counts.fixed_count > 0)
-            append(model.fixed_mask, column.fixed_mask);
-        if (result.counts.release_count > 0)
-            append(model.release_mask, column.release_mask);
-        column = {};
-    }
+        sink(column.batch);
+    });
+    require_grains(counts.particle_count, walk.edge());
+    return counts;
+}
+
+TrimResult trim(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
+                ThreadTeam& team) {
+    TrimResult result;
+    TiledModel& model = result.model = tiled_frame(boxes, scale, region);
+    result.counts =
+        trim(boxes, seed, scale, region, team, [&model](const TileBatch& batch) { append(model, batch); });
+    if (result.counts.fixed_count == 0)
+        model.fixed_mask = {};
+    if (result.counts.release_count == 0)
+        model.release_mask = {};
     return result;
 }
 
 TrimForecast forecast(const PgBox& box, double scale, const Region& region, ThreadTeam& team,
-                      std::uint64_t test_limit) {
-    return forecast({&box, 1}, 0, scale, region, team, test_limit);
+                      const ForecastLimits& limits) {
+    return forecast({&box, 1}, 0, scale, region, team, limits);
 }
 
+namespace {
+
+/// Contacts of a box from both sides, by row.
+struct Partners {
+    struct Partner {
+        std::uint32_t row;
+        std::array<std::int32_t, 3> image;
+    };
+    std::vector<std::vector<Partner>> of;
+
+    explicit Partners(const PgBox& box) : of(box.size()) {
+        for (std::size_t c = 0; c < box.contacts.size(); ++c) {
+            const auto [i, j] = box.contacts.pair[c];
+            const auto& m = box.contacts.image[c];
+            if (i < 0 || j < 0 || static_cast<std::size_t>(std::max(i, j)) >= box.size())
+                continue; // reading a box refuses this
+            of[static_cast<std::size_t>(i)].push_back({static_cast<std::uint32_t>(j), {m[0], m[1], m[2]}});
+            of[static_cast<std::size_t>(j)].push_back({static_cast<std::uint32_t>(i), {-m[0], -m[1], -m[2]}});
+        }
+    }
+};
+
+/// Mean number of contacts per particle, from grains of `tiles` drawn evenly: a grain's partners are known
+/// from its box, and asked of the region one by one. Both ends of a contact are kept or there is none.
+double contacts_per_particle(std::span<const PgBox> boxes, const TiledModel& tiles, std::uint64_t particles,
+                             const Region& region, std::uint64_t limit) {
+    std::vector<Partners> partners(boxes.begin(), boxes.end());
+    const std::uint64_t stride = std::max<std::uint64_t>(1, particles / std::max<std::uint64_t>(1, limit));
+    const double edge = tiles.edge();
+    std::uint64_t ends = 0, grains = 0;
+    std::size_t mask = 0;
+    for (const TiledModel::Tile& tile : tiles.tiles) {
+        const PgBox& box = boxes[tile.box];
+        const bool cut = tile.kind == TileClass::cut;
+        for (std::uint32_t row = 0; row < box.size(); ++row) {
+            if ((cut && !mask_bit(tiles.kept_mask.data() + mask, row)) || draw(tile.index, row) % stride != 0)
+                continue;
+            ++grains;
+            for (const Partners::Partner& partner : partners[tile.box].of[row]) {
+                std::array<std::int32_t, 3> index = tile.index;
+                for (std::size_t k = 0; k < 3; ++k)
+                    index[k] += partner.image[k];
+                const Vec3 centre =
+                    grain_position(tile_corner(index, edge), tiles.scale, box.position[partner.row]);
+                ends += region.mark(centre, box.radius[partner.row] * tiles.scale) != Mark::outside ? 1 : 0;
+            }
+        }
+        mask += cut ? mask_bytes(box.size()) : 0;
+    }
+    return grains == 0 ? 0 : 0.5 * static_cast<double>(ends) / static_cast<double>(grains);
+}
+
+/// What the cut tiles of the table keep: what some cut tile of the sample near the same place in the order
+/// keeps; none at all as often as there.
+void draw_kept(TrimForecast& forecast) {
+    std::vector<std::uint32_t> kept;
+    for (const TiledModel::Tile& tile : forecast.sample.tiles)
+        if (tile.kind == TileClass::cut)
+            kept.push_back(tile.kept);
+    const std::uint64_t looked_into = forecast.sample_counts.tiles_cut;
+    std::uint64_t cut = 0, first = 0;
+    for (const TiledModel::Tile& tile : forecast.table)
+        cut += tile.kind == TileClass::cut ? 1 : 0;
+    constexpr std::uint64_t near = 256;
+    std::uint64_t number = 0;
+    std::deque<TiledModel::Tile> table;
+    while (!forecast.table.empty()) {
+        TiledModel::Tile tile = forecast.table.front();
+        forecast.table.pop_front();
+        if (tile.kind == TileClass::cut) {
+            const std::uint64_t random = draw(tile.index, 0);
+            ++number;
+            if (kept.empty() || random % looked_into >= kept.size())
+                continue;
+            const std::uint64_t at = number * kept.size() / (cut + 1) + (random >> 32) % near;
+            tile.kept = kept[std::min<std::uint64_t>(at < near / 2 ? 0 : at - near / 2, kept.size() - 1)];
+        }
+        tile.first_particle = first;
+        first += tile.kept;
+        table.push_back(tile);
+    }
+    forecast.table = std::move(table);
+}
+
+} // namespace
+
 TrimForecast forecast(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
-                      ThreadTeam& team, std::uint64_t test_limit) {
+                      ThreadTeam& team, const ForecastLimits& limits) {
     const Walk walk(boxes, seed, scale, region);
-    const PgBox& box = boxes.front(); // all hold as many grains, and about as many contacts
     TrimForecast result;
-    const TrimCounts tiles = total(walk, walk_all(walk, {false, false, 1}, team));
-    const std::uint64_t most = tiles.tiles_cut * box.size();
-    result.sample_stride = std::max<std::uint64_t>(1, most / std::max<std::uint64_t>(1, test_limit));
-    const std::vector<Column> columns = walk_all(walk, {false, true, result.sample_stride}, team);
-    result.counts = total(walk, columns);
+    const auto nothing = [](Column&) {};
+    Sampling tiles_only;
+    tiles_only.masks = tiles_only.look_inside = false;
+    tiles_only.table = true;
+    const TrimCounts tiles = walk_all(walk, tiles_only, team, [&](Column& column) {
+        result.table.insert(result.table.end(), column.batch.tiles.begin(), column.batch.tiles.end());
+    });
+
+    Sampling some_columns;
+    const std::uint64_t bytes =
+        std::max<std::uint64_t>(1, tiles.tiles_cut * mask_bytes(boxes.front().size()));
+    some_columns.every = static_cast<std::size_t>(bytes / std::max<std::uint64_t>(1, limits.bytes) + 1);
+    // Runs long enough to show what compression finds again: it looks 32 KiB back.
+    constexpr std::uint64_t run_bytes = 64 << 10;
+    some_columns.run = std::clamp<std::uint64_t>(walk.columns() * run_bytes / bytes + 1, 16, 1 << 20);
+    result.sample = tiled_frame(boxes, scale, region);
+    result.sample_counts = walk_all(walk, some_columns, team, [&](Column& column) {
+        std::uint64_t first = result.sample.size();
+        for (TiledModel::Tile& tile : column.batch.tiles) {
+            tile.first_particle = first;
+            first += tile.kept;
+        }
+        append(result.sample, column.batch);
+    });
+    if (result.sample_counts.fixed_count == 0)
+        result.sample.fixed_mask = {};
+    if (result.sample_counts.release_count == 0)
+        result.sample.release_mask = {};
+    if (some_columns.every == 1) {
+        result.counts = result.sample_counts;
+        result.table = {};
+    } else {
+        draw_kept(result);
+        Sampling some_grains;
+        some_grains.masks = false;
+        const std::uint64_t most = tiles.tiles_cut * boxes.front().size();
+        some_grains.stride = std::max<std::uint64_t>(1, most / std::max<std::uint64_t>(1, limits.grains));
+        result.sample_stride = some_grains.stride;
+        result.counts = walk_all(walk, some_grains, team, nothing);
+    }
     require_grains(result.counts.particle_count, walk.edge());
-    const TrimCounts& c = result.counts;
-    result.cut_tiles_kept = c.tiles_cut;
-    const std::uint64_t masks = 1 + (c.fixed_count > 0 ? 1 : 0) + (c.release_count > 0 ? 1 : 0);
-    const std::uint64_t box_bytes = boxes.size() * (box.size() * 32 + box.contacts.size() * 27);
-    result.tiled_bytes = box_bytes + (c.tiles_full + c.tiles_cut) * sizeof(TiledModel::Tile) +
-                         c.tiles_cut * masks * mask_bytes(box.size());
-    const double contacts_per_grain =
-        static_cast<double>(box.contacts.size()) / static_cast<double>(box.size());
-    result.explicit_bytes = static_cast<std::uint64_t>(static_cast<double>(c.particle_count) *
-                                                       (24 + 8 + 1 + 1 + contacts_per_grain * (16 + 3 + 8)));
+    result.contacts_per_particle = contacts_per_particle(
+        boxes, result.sample, result.sample_counts.particle_count, region, limits.contacts);
     return result;
 }
 

@@ -5,6 +5,8 @@
 #include "tiling/region.hpp"
 
 #include <cstdint>
+#include <deque>
+#include <functional>
 #include <span>
 
 namespace talus::tiling {
@@ -27,6 +29,10 @@ struct TrimResult {
     TrimCounts counts;
 };
 
+/// Takes the tiles of a model as they are made, in the model's order. Calls come from several threads, one at
+/// a time.
+using TileSink = std::function<void(const TileBatch&)>;
+
 /// Volume of the grains over the volume of the box (overlaps counted twice).
 double solid_volume_fraction(const PgBox& box);
 
@@ -44,20 +50,40 @@ TrimResult trim(std::span<const PgBox> boxes, std::uint64_t seed, double scale, 
                 ThreadTeam& team);
 TrimResult trim(const PgBox& box, double scale, const Region& region, ThreadTeam& team);
 
+/// The same, handing the tiles to `sink` instead of holding them: what lies in memory at once does not grow
+/// with the model. An empty result has called the sink with nothing.
+TrimCounts trim(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
+                ThreadTeam& team, const TileSink& sink);
+
+/// Puts `batch` behind what the model has.
+void append(TiledModel& model, const TileBatch& batch);
+
+/// The model that trim() would make, without its tiles.
+TiledModel tiled_frame(std::span<const PgBox> boxes, double scale, const Region& region);
+
 /// What trim would give, without making it.
 struct TrimForecast {
-    TrimCounts counts;                ///< tile counts exact; particle counts exact where sample_stride is 1
-    std::uint64_t sample_stride = 1;  ///< one grain of so many was tested in mixed blocks
-    std::uint64_t cut_tiles_kept = 0; ///< of them with masks in the file
-    std::uint64_t tiled_bytes =
-        0; ///< of the tiled model in memory; an upper bound of its file, which compresses
-    std::uint64_t explicit_bytes = 0; ///< written out particle by particle, with contacts
+    TrimCounts counts;               ///< tile counts exact; particle counts exact where sample_stride is 1
+    std::uint64_t sample_stride = 1; ///< one grain of so many was tested in mixed blocks
+    double contacts_per_particle = 0;
+    /// Whole columns of tiles, evenly spread: a model whose file compresses as the whole one's does. All of
+    /// the model where it is small.
+    TiledModel sample;
+    TrimCounts sample_counts;
+    /// The whole model's table, where the sample is not all of it: places are exact, what cut tiles keep is
+    /// drawn from the sample.
+    std::deque<TiledModel::Tile> table;
 };
 
-/// @param test_limit about how many grains may be tested
+struct ForecastLimits {
+    std::uint64_t grains = 2'000'000; ///< about so many grains may be tested for the counts
+    std::uint64_t bytes = 28 << 20;   ///< of kept masks made for the sample
+    std::uint64_t contacts = 20'000;  ///< and the contacts of so many grains looked for
+};
+
 TrimForecast forecast(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
-                      ThreadTeam& team, std::uint64_t test_limit = 2'000'000);
+                      ThreadTeam& team, const ForecastLimits& limits = {});
 TrimForecast forecast(const PgBox& box, double scale, const Region& region, ThreadTeam& team,
-                      std::uint64_t test_limit = 2'000'000);
+                      const ForecastLimits& limits = {});
 
 } // namespace talus::tiling

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tiling/file_forecast.hpp"
+
+#include "io/explicit_file.hpp"
+#include "io/tiled_file.hpp"
+#include "tiling/lattice.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace talus::tiling {
+
+namespace {
+
+std::uint64_t scaled(std::uint64_t bytes, std::uint64_t whole, std::uint64_t sample) {
+    return sample == 0
+               ? 0
+               : static_cast<std::uint64_t>(std::llround(
+                     static_cast<double>(bytes) * static_cast<double>(whole) / static_cast<double>(sample)));
+}
+
+constexpr std::uint64_t particles_at_once = 1'000'000; ///< of expand_in_parts()
+constexpr std::uint64_t particle_bytes = 24 + 8 + 1 + 1, contact_bytes = 16 + 3 + 8;
+// What writing takes beside the data, measured: chunks that wait for more, the same under way through the
+// filters, what HDF5 keeps of them; and columns of particles that grow from one part of the model to the
+// next.
+constexpr std::uint64_t fixed_cost = 3u << 19, tiled_chunk = 1u << 20, explicit_chunk = 4u << 20,
+                        growing = 28u << 20;
+
+std::uint64_t tiled_buffers(const TrimCounts& c, std::size_t box_size) {
+    const std::uint64_t masks = 1 + (c.fixed_count > 0 ? 1 : 0) + (c.release_count > 0 ? 1 : 0);
+    const std::uint64_t widest = (c.tiles_full + c.tiles_cut) * 12; // column of the table
+    return fixed_cost + 2 * masks * std::min(c.tiles_cut * mask_bytes(box_size), tiled_chunk) +
+           23 * std::min(widest, explicit_chunk) / 10;
+}
+
+std::uint64_t explicit_buffers(std::uint64_t particles, std::uint64_t contacts) {
+    std::uint64_t waiting = 0;
+    for (const std::uint64_t column :
+         {24 * particles, 8 * particles, particles, particles, 16 * contacts, 3 * contacts, 8 * contacts})
+        waiting += std::min(column, explicit_chunk);
+    return fixed_cost + 5 * waiting / 4 + (particles > particles_at_once ? growing : 0);
+}
+
+/// Of a tiled model in memory: its table, its masks.
+std::uint64_t tiled_bytes(const TrimCounts& c, std::size_t box_size) {
+    const std::uint64_t masks = 1 + (c.fixed_count > 0 ? 1 : 0) + (c.release_count > 0 ? 1 : 0);
+    return (c.tiles_full + c.tiles_cut) * sizeof(TiledModel::Tile) +
+           c.tiles_cut * masks * mask_bytes(box_size);
+}
+
+std::uint64_t contacts_of(const Expander& expander, std::size_t tiles, ContactsWanted wanted,
+                          ThreadTeam& team) {
+    return std::max<std::uint64_t>(1, expander.tiles(0, tiles, wanted, team).contacts.size());
+}
+
+} // namespace
+
+FileForecast forecast_file(const TrimForecast& f, std::optional<ContactsWanted> explicit_form,
+                           ThreadTeam& team, const io::Provenance& provenance, const std::string& config) {
+    FileForecast result;
+    const TrimCounts &all = f.counts, &some = f.sample_counts;
+    const std::uint64_t tiles = all.tiles_full + all.tiles_cut;
+    if (!explicit_form) {
+        const io::TiledFileSize size = io::tiled_file_size(f.sample, provenance, config);
+        result.bytes = size.others + scaled(size.masks, all.tiles_cut, some.tiles_cut) +
+                       (f.table.empty() ? size.table : io::tile_table_size(f.table, f.sample.edge()));
+        result.memory = tiles * (sizeof(TiledModel::Tile) + 3 * sizeof(std::int32_t)) +
+                        tiled_buffers(all, f.sample.boxes.front().size());
+        return result;
+    }
+    // Some tiles of the sample, or all: contacts across seams that the sample lacks change nothing in how a
+    // contact compresses.
+    const Expander expander(f.sample);
+    std::size_t last = 0;
+    std::uint64_t particles = 0;
+    while (last < f.sample.tiles.size() &&
+           (last == 0 || particles + f.sample.tiles[last].kept <= 2 * particles_at_once))
+        particles += f.sample.tiles[last++].kept;
+    Grains grains = expander.tiles(0, last, *explicit_form, team);
+    ContactTable& table = grains.contacts; // less those with grains of the tiles left out
+    std::size_t kept = 0;
+    for (std::size_t c = 0; c < table.size(); ++c)
+        if (table.pair[c][1] < static_cast<std::int64_t>(grains.size())) {
+            table.pair[kept] = table.pair[c];
+            table.normal_overlap[kept++] = table.normal_overlap[c];
+        }
+    table.pair.resize(kept);
+    table.image.resize(kept);
+    table.normal_overlap.resize(kept);
+    const std::uint64_t contacts = grains.contacts.size();
+    double share = 1; // of all contacts
+    if (*explicit_form == ContactsWanted::mobile)
+        share = static_cast<double>(contacts_of(expander, last, ContactsWanted::mobile, team)) /
+                static_cast<double>(contacts_of(expander, last, ContactsWanted::all, team));
+    const bool whole = grains.size() == all.particle_count;
+    if (*explicit_form != ContactsWanted::none)
+        result.contact_count =
+            whole ? contacts
+                  : static_cast<std::uint64_t>(std::llround(f.contacts_per_particle * share *
+                                                            static_cast<double>(all.particle_count)));
+    const io::ExplicitFrame frame{f.sample.origin, f.sample.coordinate_system, f.sample.domain,
+                                  !f.sample.fixed_mask.empty(), !f.sample.release_mask.empty()};
+    const io::ExplicitFileSize size = io::explicit_file_size(grains, frame, provenance, config);
+    result.bytes = size.others + io::ExplicitFileSize::plain(all.particle_count, result.contact_count) +
+                   scaled(size.compressed_particles, all.particle_count, grains.size()) +
+                   scaled(size.compressed_contacts, result.contact_count, contacts);
+    const std::uint64_t at_once = std::min(particles_at_once, all.particle_count);
+    result.memory = tiled_bytes(all, f.sample.boxes.front().size()) + at_once * particle_bytes +
+                    scaled(result.contact_count * contact_bytes, at_once, all.particle_count) +
+                    explicit_buffers(all.particle_count, result.contact_count);
+    return result;
+}
+
+} // namespace talus::tiling

@@ -1,22 +1,27 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "base/error.hpp"
+#include "base/memory.hpp"
 #include "base/thread_team.hpp"
 #include "cli/tool.hpp"
 #include "io/model_file.hpp"
 #include "io/pgbox_file.hpp"
+#include "io/quick_check.hpp"
+#include "io/tiled_file.hpp"
 #include "terrain/mesh.hpp"
-#include "terrain/outline.hpp"
 #include "terrain/raster.hpp"
-#include "tiling/expand.hpp"
+#include "tile_trim/region_settings.hpp"
+#include "tiling/expanded_file.hpp"
 #include "tiling/family.hpp"
-#include "tiling/slope.hpp"
-#include "tiling/solids.hpp"
+#include "tiling/file_forecast.hpp"
+#include "tiling/part.hpp"
+#include "tiling/surface_quality.hpp"
 #include "tiling/trim.hpp"
 
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <fmt/format.h>
+#include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -26,102 +31,101 @@ namespace {
 
 /// What the command line and the configuration say.
 struct Options {
-    std::vector<double> cylinder, cuboid;
-    std::string mesh, pre, post, source_area, domain, surface_rule = "auto";
-    double shift = 6;
-    std::optional<double> radius_max, fixed_thickness;
+    std::optional<double> radius_max;
     bool explicit_form = false;
+    std::string contacts = "all";
+    std::vector<double> part;
+
+    tiling::ContactsWanted contacts_wanted() const {
+        using enum tiling::ContactsWanted;
+        return contacts == "none" ? none : (contacts == "mobile" ? mobile : all);
+    }
+    std::optional<Box> part_box() const {
+        if (part.empty())
+            return std::nullopt;
+        return Box{{part[0], part[1], part[2]}, {part[3], part[4], part[5]}, {}};
+    }
 };
 
 void register_options(cli::Settings& settings, Options& o) {
-    settings.numbers("cylinder", o.cylinder, cli::Unit::length,
-                     "region: D,H, upright about x = y = 0 with its base at z = 0");
-    settings.numbers("cuboid", o.cuboid, cli::Unit::length, "region: X,Y,Z, its lower corner at the origin");
-    settings.text("mesh", o.mesh,
-                  "region: inside of a closed surface (STL, OFF, PLY), coordinates in metres");
-    settings.text("pre", o.pre, "region: slope below this raster of elevations before the event");
-    settings.text("post", o.post, "raster of elevations after the event; may have another grid");
-    settings.number("shift", o.shift, cli::Unit::length, "depth of the lower boundary below min(pre, post)",
-                    cli::positive);
-    settings.text("source_area", o.source_area,
-                  "outline (GeoJSON, shapefile): grains are released inside it only");
-    settings.text("domain", o.domain,
-                  "part of the slope to fill: outline, or xmin,ymin,xmax,ymax in map coordinates");
     settings.optional_number("radius_max", o.radius_max, cli::Unit::length,
                              "rescales the box so that its largest grain has this radius; auto: as it is",
                              cli::positive);
-    settings.choice(
-        "surface_rule", o.surface_rule, {"auto", "centre", "sphere"},
-        "a grain at a surface is kept when its centre, or its whole sphere, is inside; auto: centre for "
-        "slopes, sphere for the others");
-    settings.optional_number(
-        "fixed_thickness", o.fixed_thickness, cli::Unit::length,
-        "of the layers of fixed grains at a slope's lower boundary and sides, measured across "
-        "them; auto: 2.5 largest radii",
-        cli::not_negative);
     settings.flag("explicit", o.explicit_form, "write particles and contacts out instead of tiles and masks");
+    settings.choice("contacts", o.contacts, {"all", "mobile", "none"},
+                    "which contacts --explicit writes; mobile: those with a grain that is not fixed");
+    settings.numbers(
+        "part", o.part, cli::Unit::length,
+        "of a tiled model: grains with their centres in xmin,ymin,zmin,xmax,ymax,zmax, metres from "
+        "the model's origin");
     settings.check([&settings, &o] {
-        const int regions =
-            !o.cylinder.empty() + !o.cuboid.empty() + !o.mesh.empty() + !(o.pre.empty() && o.post.empty());
-        const auto extent = [&](const char* key, const std::vector<double>& value, std::size_t count,
-                                const char* form) {
-            if (!value.empty() &&
-                (value.size() != count || !(*std::min_element(value.begin(), value.end()) > 0)))
-                settings.reject(
-                    key, fmt::format("found {} numbers, expected {} (positive lengths)", value.size(), form));
-        };
-        extent("cylinder", o.cylinder, 2, "D,H");
-        extent("cuboid", o.cuboid, 3, "X,Y,Z");
-        if (o.pre.empty() != o.post.empty())
-            settings.reject(o.pre.empty() ? "post" : "pre",
-                            "found alone, expected both --pre and --post for a slope");
-        if (regions > 1)
-            settings.reject(
-                !o.mesh.empty() ? "mesh" : (!o.cylinder.empty() ? "cylinder" : "cuboid"),
-                fmt::format("found {} regions, expected one of --cylinder, --cuboid, --mesh, --pre with "
-                            "--post",
-                            regions));
-        const std::pair<const char*, bool> of_slopes[] = {{"shift", o.shift != Options{}.shift},
-                                                          {"source_area", !o.source_area.empty()},
-                                                          {"domain", !o.domain.empty()},
-                                                          {"fixed_thickness", o.fixed_thickness.has_value()}};
-        for (const auto& [key, changed] : of_slopes)
-            if (o.pre.empty() && o.post.empty() && changed)
-                settings.reject(key, "found a setting of slopes, expected --pre and --post beside it");
+        if (!o.part.empty() && o.part.size() != 6)
+            settings.reject("part", fmt::format("found {} numbers, expected xmin,ymin,zmin,xmax,ymax,zmax",
+                                                o.part.size()));
+        if (o.contacts != "all" && !o.explicit_form)
+            settings.reject("contacts", "found without --explicit, which it is about");
     });
 }
 
-std::unique_ptr<tiling::Region> make_region(const Options& o, double radius_max) {
-    using enum tiling::SurfaceRule;
-    const bool slope = !o.pre.empty();
-    const auto rule = o.surface_rule == "centre" || (o.surface_rule == "auto" && slope) ? centre : sphere;
-    if (!o.cylinder.empty())
-        return std::make_unique<tiling::CylinderRegion>(o.cylinder[0], o.cylinder[1], rule, radius_max);
-    if (!o.cuboid.empty())
-        return std::make_unique<tiling::CuboidRegion>(Vec3{o.cuboid[0], o.cuboid[1], o.cuboid[2]}, rule,
-                                                      radius_max);
-    if (!o.mesh.empty())
-        return std::make_unique<tiling::MeshRegion>(terrain::SurfaceMesh(o.mesh), rule, radius_max);
-    if (!slope)
-        throw Error(ExitCode::usage,
-                    "no region: give one of --cylinder, --cuboid, --mesh, or --pre with --post");
-    tiling::SlopeSettings s;
-    s.pre = terrain::read_raster(o.pre);
-    s.post = terrain::read_raster(o.post);
-    s.shift = o.shift;
-    s.radius_max = radius_max;
-    s.fixed_thickness = o.fixed_thickness.value_or(tiling::default_fixed_thickness * radius_max);
-    s.rule = rule;
-    const std::string& system = s.pre.coordinate_system;
-    if (!o.domain.empty())
-        s.domain = terrain::read_domain(o.domain, system);
-    if (!o.source_area.empty())
-        s.source_area = terrain::read_outline(o.source_area, system);
-    return std::make_unique<tiling::SlopeRegion>(s);
+void report_expansion(const std::optional<tiling::ExpansionReport>& e, nlohmann::json& out) {
+    if (!e)
+        return;
+    out["contact_count"] = e->contact_count;
+    out["expansion_time"] = e->expansion_time;
+    out["writing_time"] = e->writing_time;
+    out["particles_expanded_per_second"] = static_cast<double>(e->particle_count) / e->expansion_time;
+}
+
+/// A tiled model, or a part of it, written anew: tiled or explicit.
+void rewrite(cli::Tool& tool, const Options& options, const std::function<double()>& wall_time) {
+    const cli::Common& common = tool.common();
+    const io::TiledReader reader(common.inputs.front());
+    const std::optional<Box> part = options.part_box();
+    const io::Provenance provenance = tool.provenance_after(reader.provenance());
+    const std::string config = tool.effective_config().dump();
+    ThreadTeam team(common.threads);
+    TiledModel model = tiling::part_frame(reader, part);
+    tiling::TrimCounts c;
+    std::optional<tiling::ExpansionReport> expansion;
+    if (options.explicit_form) {
+        c = tiling::read_part(reader, part, [&](const TileBatch& batch) { tiling::append(model, batch); });
+        if (!common.dry_run)
+            expansion = tiling::write_expanded(common.output, model, options.contacts_wanted(), team,
+                                               provenance, config, common.overwrite);
+    } else if (common.dry_run) {
+        c = tiling::read_part(reader, part, [](const TileBatch&) {});
+    } else {
+        io::TiledWriter writer(common.output, model, provenance, config, common.overwrite);
+        c = tiling::read_part(reader, part, [&](const TileBatch& batch) { writer.add(batch); });
+        writer.finish();
+    }
+    const Vec3& origin = model.origin;
+    nlohmann::json out{{"schema", "tile-trim"},
+                       {"version", 1},
+                       {"particle_count", c.particle_count},
+                       {"fixed_count", c.fixed_count},
+                       {"release_count", c.release_count},
+                       {"tiles_total", c.tiles_total},
+                       {"tiles_full", c.tiles_full},
+                       {"tiles_cut", c.tiles_cut},
+                       {"tiles_skipped", c.tiles_skipped},
+                       {"tiles_visited", c.tiles_visited},
+                       {"grains_tested", c.grains_tested},
+                       {"tile_edge", model.edge()},
+                       {"scale", model.scale},
+                       {"origin", {origin.x, origin.y, origin.z}}};
+    if (common.dry_run)
+        out["dry_run"] = true;
+    else
+        out["bytes_written"] = std::filesystem::file_size(common.output);
+    report_expansion(expansion, out);
+    out["peak_memory"] = peak_memory();
+    out["wall_time"] = wall_time();
+    tool.result(out);
 }
 
 nlohmann::json report(const tiling::TrimCounts& c, const PgBox& box, double scale,
-                      const tiling::Region& region) {
+                      const tiling::Region& region, const RegionSettings& settings) {
     const Vec3 origin = region.origin();
     const double solid = tiling::solid_volume_fraction(box), volume = region.volume();
     nlohmann::json out{{"schema", "tile-trim"},
@@ -143,12 +147,19 @@ nlohmann::json report(const tiling::TrimCounts& c, const PgBox& box, double scal
                        {"region_volume", volume},
                        {"box_solid_volume_fraction", solid},
                        {"solid_volume_fraction", c.kept_volume / volume},
+                       {"missing_volume", volume * solid - c.kept_volume},
+                       {"missing_volume_fraction", 1 - c.kept_volume / (volume * solid)},
                        {"origin", {origin.x, origin.y, origin.z}}};
-    if (const auto* slope = dynamic_cast<const tiling::SlopeRegion*>(&region)) {
-        out["domain_area"] = slope->area();
-        out["region_release_volume"] = slope->release_volume();
-    }
+    settings.report(region, out);
     return out;
+}
+
+void report_surface(const tiling::SurfaceQuality& q, nlohmann::json& out) {
+    if (q.samples > 0)
+        out["surface"] = {
+            {"samples", q.samples},     {"unit", "largest radii"},      {"mean_depth", q.mean_depth},
+            {"roughness", q.roughness}, {"rms_depth", q.rms_depth},     {"highest", q.highest},
+            {"deepest", q.deepest},     {"share_above", q.share_above}, {"share_open", q.share_open}};
 }
 
 } // namespace
@@ -162,11 +173,12 @@ int main(int argc, char** argv) {
                     .needs_output = true,
                     .input_help =
                         "periodic granular box (*.pgbox.h5); of several, variants of one, each tile "
-                        "draws one (by --seed)",
+                        "draws one (by --seed); or a tiled model, to take a --part of it or write it out",
                     .epilog = "The model is tiled (box, tiles and masks, small) unless --explicit is given.",
                     .libraries = {{"GDAL", terrain::gdal_version()}, {"CGAL", terrain::cgal_version()}},
                     .simd_target = ""});
     Options options;
+    RegionSettings region_settings(tool.settings());
     register_options(tool.settings(), options);
     return tool.run(argc, argv, [&] {
         const auto start = std::chrono::steady_clock::now();
@@ -175,59 +187,94 @@ int main(int argc, char** argv) {
         };
         const cli::Common& common = tool.common();
         const std::string& input = common.inputs.front();
+        if (io::inspect(input).kind == io::FileKind::model) {
+            if (common.inputs.size() > 1)
+                throw Error(ExitCode::usage, "a model found beside other inputs; give it alone");
+            if (region_settings.any() || options.radius_max)
+                throw Error(ExitCode::input_invalid,
+                            fmt::format("{}: is a model, which has its region and radius; give --part or "
+                                        "--explicit only, or a periodic granular box",
+                                        input));
+            return rewrite(tool, options, wall_time);
+        }
+        if (!options.part.empty())
+            throw Error(ExitCode::usage,
+                        fmt::format("part: {} is no model; give a tiled model (*.model.h5)", input));
         std::vector<io::PgBoxFile> files;
         for (const std::string& path : common.inputs)
             files.push_back(io::read_pgbox(path));
         tiling::require_one_family(files, common.inputs);
         const io::PgBoxFile& file = files.front();
         const double radius = tiling::largest_radius(file.box);
-        if (file.box.size() == 0 || 2 * radius > file.box.length)
-            throw Error(
-                ExitCode::input_invalid,
-                fmt::format(
-                    "{}: a box of length {:.6g} m with {} grains up to radius {:.6g} m cannot be tiled; "
-                    "make a larger box",
-                    input, file.box.length, file.box.size(), radius));
+        if (file.box.size() == 0 || 4 * radius > file.box.length)
+            throw Error(ExitCode::input_invalid,
+                        fmt::format("{}: a box of length {:.6g} m with {} grains up to radius {:.6g} m "
+                                    "cannot be tiled: it must be two grains wide; "
+                                    "make a larger box",
+                                    input, file.box.length, file.box.size(), radius));
         const double scale = options.radius_max ? *options.radius_max / radius : 1;
-        const auto region = make_region(options, radius * scale);
+        const auto region = region_settings.make(radius * scale);
+        for (const std::string& line : region_settings.remarks(*region))
+            tool.warn(line);
         std::vector<PgBox> boxes;
         for (io::PgBoxFile& each : files)
             boxes.push_back(std::move(each.box));
         ThreadTeam team(common.threads);
         if (common.dry_run) {
+            const std::uint64_t before = peak_memory();
             const tiling::TrimForecast f = tiling::forecast(boxes, common.seed, scale, *region, team);
-            nlohmann::json out = report(f.counts, boxes.front(), scale, *region);
+            const tiling::FileForecast size = tiling::forecast_file(
+                f, options.explicit_form ? std::optional(options.contacts_wanted()) : std::nullopt, team,
+                tool.provenance_after(file.provenance), tool.effective_config().dump());
+            nlohmann::json out = report(f.counts, boxes.front(), scale, *region, region_settings);
+            report_surface(tiling::measure_surface(boxes, common.seed, scale, *region, team), out);
             out["dry_run"] = true;
             out["sample_stride"] = f.sample_stride;
-            out["peak_memory"] = f.tiled_bytes * 2 + (options.explicit_form ? f.explicit_bytes : 0);
-            out["bytes_written_at_most"] = options.explicit_form ? f.explicit_bytes : f.tiled_bytes;
+            out["peak_memory"] = before + size.memory;
+            out["bytes_written"] = size.bytes;
+            if (options.explicit_form)
+                out["contact_count"] = size.contact_count;
             out["wall_time"] = wall_time();
             tool.result(out);
             return;
         }
-        tiling::TrimResult trimmed = tiling::trim(boxes, common.seed, scale, *region, team);
-        if (trimmed.counts.fixed_count == trimmed.counts.particle_count)
+        const io::Provenance provenance = tool.provenance_after(file.provenance);
+        const std::string config = tool.effective_config().dump();
+        std::vector<std::uint64_t> tiles_by_variant(boxes.size(), 0);
+        const auto count_variants = [&](const std::vector<TiledModel::Tile>& tiles) {
+            for (const TiledModel::Tile& tile : tiles)
+                ++tiles_by_variant[tile.box];
+        };
+        tiling::TrimCounts counts;
+        std::optional<tiling::ExpansionReport> expansion;
+        if (options.explicit_form) {
+            const tiling::TrimResult trimmed = tiling::trim(boxes, common.seed, scale, *region, team);
+            counts = trimmed.counts;
+            count_variants(trimmed.model.tiles);
+            expansion = tiling::write_expanded(common.output, trimmed.model, options.contacts_wanted(), team,
+                                               provenance, config, common.overwrite);
+        } else {
+            io::TiledWriter writer(common.output, tiling::tiled_frame(boxes, scale, *region), provenance,
+                                   config, common.overwrite);
+            counts = tiling::trim(boxes, common.seed, scale, *region, team, [&](const TileBatch& batch) {
+                count_variants(batch.tiles);
+                writer.add(batch);
+            });
+            writer.finish();
+        }
+        if (counts.fixed_count == counts.particle_count)
             tool.warn("all grains are fixed; give a larger --shift or --domain, or a smaller --radius-max");
-        if (!options.source_area.empty() && trimmed.counts.release_count == 0)
+        if (!region_settings.source_area().empty() && counts.release_count == 0)
             tool.warn(fmt::format(
                 "{}: no grain is released; where it lies, post is nowhere below pre by as much as a "
                 "grain",
-                options.source_area));
-        nlohmann::json out = report(trimmed.counts, boxes.front(), scale, *region);
-        if (boxes.size() > 1) {
-            std::vector<std::uint64_t> tiles(boxes.size(), 0);
-            for (const TiledModel::Tile& tile : trimmed.model.tiles)
-                ++tiles[tile.box];
-            out["tiles_by_variant"] = tiles;
-        }
-        io::ModelFile model;
-        if (options.explicit_form)
-            model.model = tiling::expand(trimmed.model, team);
-        else
-            model.model = std::move(trimmed.model);
-        model.provenance = tool.provenance_after(file.provenance);
-        model.config = tool.effective_config().dump();
-        io::write_model(common.output, model, common.overwrite);
+                region_settings.source_area()));
+        nlohmann::json out = report(counts, boxes.front(), scale, *region, region_settings);
+        report_surface(tiling::measure_surface(boxes, common.seed, scale, *region, team), out);
+        if (boxes.size() > 1)
+            out["tiles_by_variant"] = tiles_by_variant;
+        report_expansion(expansion, out);
+        out["peak_memory"] = peak_memory();
         out["bytes_written"] = std::filesystem::file_size(common.output);
         out["wall_time"] = wall_time();
         tool.result(out);

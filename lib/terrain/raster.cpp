@@ -3,6 +3,7 @@
 
 #include "base/error.hpp"
 #include "terrain/gdal_session.hpp"
+#include "terrain/outline.hpp"
 
 #include <algorithm>
 #include <cctype>
@@ -11,6 +12,7 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <fstream>
+#include <gdal_alg.h>
 #include <gdal_priv.h>
 #include <limits>
 #include <memory>
@@ -24,6 +26,8 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr double no_data_value = -9999;
+constexpr int finest_reprojection = 4;        // new cells to a cell's edge
+constexpr double largest_reprojection = 16e6; // cells, where they are finer than the source's
 
 struct DatasetCloser {
     void operator()(GDALDataset* dataset) const { GDALClose(dataset); }
@@ -198,6 +202,14 @@ Raster read_raster(const std::string& path) {
     raster.valid.assign(raster.size(), 1);
 
     GDALRasterBand* band = dataset->GetRasterBand(1);
+    std::string unit = band->GetUnitType();
+    std::transform(unit.begin(), unit.end(), unit.begin(),
+                   [](char c) { return static_cast<char>(std::tolower(static_cast<unsigned char>(c))); });
+    if (unit.starts_with("f") || unit.find("foot") != std::string::npos)
+        refuse(path, fmt::format(
+                         "elevations are in feet ('{}'), metres are needed; convert with 'gdal_calc.py -A {} "
+                         "--calc=A*0.3048 --outfile=out.tif'",
+                         band->GetUnitType(), path));
     for (std::size_t line = 0; line < raster.height; ++line) {
         const std::size_t row = north_up ? raster.height - 1 - line : line;
         if (band->RasterIO(GF_Read, 0, static_cast<int>(line), static_cast<int>(raster.width), 1,
@@ -332,6 +344,33 @@ void write_raster(const std::string& path, const Raster& raster, bool overwrite)
     fs::rename(inner, target);
 }
 
+std::optional<double> interpolate(const Raster& raster, double x, double y) {
+    constexpr double slack = 1e-9; // of a cell: a centre on the hull's edge is inside
+    const double u = (x - raster.centre_x(0)) / raster.cell_x, v = (y - raster.centre_y(0)) / raster.cell_y;
+    const double last_u = static_cast<double>(raster.width - 1),
+                 last_v = static_cast<double>(raster.height - 1);
+    if (!(u >= -slack && v >= -slack && u <= last_u + slack && v <= last_v + slack))
+        return std::nullopt;
+    const auto i = static_cast<std::size_t>(std::clamp(std::floor(u), 0.0, last_u));
+    const auto j = static_cast<std::size_t>(std::clamp(std::floor(v), 0.0, last_v));
+    const std::size_t i1 = std::min(i + 1, raster.width - 1), j1 = std::min(j + 1, raster.height - 1);
+    double s = std::clamp(u - static_cast<double>(i), 0.0, 1.0);
+    double t = std::clamp(v - static_cast<double>(j), 0.0, 1.0);
+    s = s < slack ? 0 : (s > 1 - slack ? 1 : s); // a coinciding centre takes its cell alone
+    t = t < slack ? 0 : (t > 1 - slack ? 1 : t);
+    const std::size_t corner[4] = {raster.index(i, j), raster.index(i1, j), raster.index(i, j1),
+                                   raster.index(i1, j1)};
+    const double weight[4] = {(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t};
+    double value = 0;
+    for (int c = 0; c < 4; ++c) {
+        if (weight[c] > 0 && !raster.valid[corner[c]])
+            return std::nullopt;
+        if (weight[c] > 0)
+            value += weight[c] * raster.values[corner[c]];
+    }
+    return value;
+}
+
 Raster resample(const Raster& source, const Raster& like) {
     if (!compatible_systems(source.coordinate_system, like.coordinate_system))
         refuse(source.name, fmt::format("is in {}, {} is in {}; reproject one with 'gdalwarp -t_srs'",
@@ -342,43 +381,231 @@ Raster resample(const Raster& source, const Raster& like) {
     std::size_t met = 0;
     for (std::size_t row = 0; row < like.height; ++row)
         for (std::size_t column = 0; column < like.width; ++column) {
-            const double u = (like.centre_x(column) - source.centre_x(0)) / source.cell_x;
-            const double v = (like.centre_y(row) - source.centre_y(0)) / source.cell_y;
             const std::size_t k = result.index(column, row);
-            result.valid[k] = 0;
-            constexpr double slack = 1e-9; // a centre on the hull's edge is inside
-            const double last_u = static_cast<double>(source.width - 1),
-                         last_v = static_cast<double>(source.height - 1);
-            if (u < -slack || v < -slack || u > last_u + slack || v > last_v + slack)
-                continue;
-            const auto i = static_cast<std::size_t>(std::clamp(std::floor(u), 0.0, last_u));
-            const auto j = static_cast<std::size_t>(std::clamp(std::floor(v), 0.0, last_v));
-            const std::size_t i1 = std::min(i + 1, source.width - 1), j1 = std::min(j + 1, source.height - 1);
-            double s = std::clamp(u - static_cast<double>(i), 0.0, 1.0);
-            double t = std::clamp(v - static_cast<double>(j), 0.0, 1.0);
-            s = s < slack ? 0 : (s > 1 - slack ? 1 : s); // a coinciding centre takes its cell alone
-            t = t < slack ? 0 : (t > 1 - slack ? 1 : t);
-            const std::size_t corner[4] = {source.index(i, j), source.index(i1, j), source.index(i, j1),
-                                           source.index(i1, j1)};
-            const double weight[4] = {(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t};
-            bool complete = true;
-            double value = 0;
-            for (int c = 0; c < 4; ++c) {
-                if (weight[c] > 0 && !source.valid[corner[c]])
-                    complete = false;
-                if (weight[c] > 0)
-                    value += weight[c] * source.values[corner[c]];
-            }
-            if (complete) {
-                result.values[k] = value;
-                result.valid[k] = 1;
-                ++met;
-            }
+            const std::optional<double> value =
+                interpolate(source, like.centre_x(column), like.centre_y(row));
+            result.valid[k] = value.has_value();
+            result.values[k] = value.value_or(0);
+            met += value.has_value();
         }
     if (met == 0)
         refuse(source.name,
                fmt::format("has no data in common with {}; check the extents of the two", like.name));
     return result;
+}
+
+namespace {
+
+using Transformation = std::unique_ptr<OGRCoordinateTransformation>;
+
+Transformation transformation(const Raster& raster, const std::string& from, const std::string& to) {
+    OGRSpatialReference source, target;
+    if (source.importFromWkt(from.c_str()) != OGRERR_NONE || target.importFromWkt(to.c_str()) != OGRERR_NONE)
+        refuse(raster.name, "its coordinate system, or the one it is to be brought to, cannot be read; check "
+                            "the .prj files");
+    source.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+    target.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+    Transformation result(OGRCreateCoordinateTransformation(&source, &target));
+    if (!result)
+        refuse(raster.name, fmt::format("cannot be brought from {} to {} ({})", system_name(from),
+                                        system_name(to), last_gdal_message()));
+    return result;
+}
+
+} // namespace
+
+Raster reproject(const Raster& source, const std::string& target_wkt) {
+    start_gdal();
+    const auto impossible = [&](const char* what) {
+        refuse(source.name,
+               fmt::format("cannot be brought from {} to {}: {}; check both systems",
+                           system_name(source.coordinate_system), system_name(target_wkt), what));
+    };
+    const Transformation forth = transformation(source, source.coordinate_system, target_wkt),
+                         back = transformation(source, target_wkt, source.coordinate_system);
+    // Hull of the old raster's edge on the new map.
+    constexpr int per_edge = 64;
+    const double wide = source.upper_x() - source.lower_x, high = source.upper_y() - source.lower_y;
+    std::vector<double> x, y;
+    for (int k = 0; k < per_edge; ++k) {
+        const double f = static_cast<double>(k) / per_edge;
+        x.insert(x.end(),
+                 {source.lower_x + f * wide, source.upper_x(), source.upper_x() - f * wide, source.lower_x});
+        y.insert(y.end(),
+                 {source.lower_y, source.lower_y + f * high, source.upper_y(), source.upper_y() - f * high});
+    }
+    if (!forth->Transform(static_cast<int>(x.size()), x.data(), y.data()))
+        impossible("its extent lies outside the reach of the projection");
+    const auto [left, right] = std::minmax_element(x.begin(), x.end());
+    const auto [lower, upper] = std::minmax_element(y.begin(), y.end());
+    // A cell in the middle, on the new map.
+    const double mx = source.centre_x(source.width / 2), my = source.centre_y(source.height / 2);
+    double cx[3] = {mx, mx + source.cell_x, mx}, cy[3] = {my, my, my + source.cell_y};
+    if (!forth->Transform(3, cx, cy))
+        impossible("its extent lies outside the reach of the projection");
+    const double area = std::abs((cx[1] - cx[0]) * (cy[2] - cy[0]) - (cx[2] - cx[0]) * (cy[1] - cy[0]));
+    // Finer than the source, so that the new surface follows the old one between its nodes, too.
+    int refinement = finest_reprojection;
+    while (refinement > 1 &&
+           static_cast<double>(source.size()) * refinement * refinement > largest_reprojection)
+        refinement /= 2;
+    Raster result;
+    result.cell_x = result.cell_y = std::sqrt(area) / refinement;
+    if (!std::isfinite(result.cell_x) || !(result.cell_x > 0))
+        impossible("its cells have no size there");
+    result.name = source.name;
+    result.coordinate_system = target_wkt;
+    const double cell = result.cell_x;
+    result.lower_x = std::floor(*left / cell) * cell;
+    result.lower_y = std::floor(*lower / cell) * cell;
+    const double columns = std::ceil((*right - result.lower_x) / cell),
+                 rows = std::ceil((*upper - result.lower_y) / cell);
+    if (!(columns * rows <= (16 * static_cast<double>(source.size()) + 1e4) * refinement * refinement))
+        impossible("it is stretched beyond use there");
+    result.width = static_cast<std::size_t>(columns);
+    result.height = static_cast<std::size_t>(rows);
+    result.values.assign(result.size(), 0);
+    result.valid.assign(result.size(), 0);
+    std::vector<int> reached(result.width);
+    x.resize(result.width);
+    y.resize(result.width);
+    for (std::size_t row = 0; row < result.height; ++row) {
+        for (std::size_t column = 0; column < result.width; ++column) {
+            x[column] = result.centre_x(column);
+            y[column] = result.centre_y(row);
+        }
+        back->Transform(static_cast<int>(x.size()), x.data(), y.data(), nullptr, reached.data());
+        for (std::size_t column = 0; column < result.width; ++column) {
+            const std::optional<double> value =
+                reached[column] ? interpolate(source, x[column], y[column]) : std::nullopt;
+            if (!value)
+                continue;
+            result.values[result.index(column, row)] = *value;
+            result.valid[result.index(column, row)] = 1;
+        }
+    }
+    if (result.valid_count() == 0)
+        impossible("no cell there gets data");
+    return result;
+}
+
+namespace {
+
+/// Makes each of these cells the mean of its neighbours with data (Laplace's equation, successive
+/// over-relaxation), to a tenth of a millimetre a turn; a plane comes out as a plane.
+void relax(Raster& raster, const std::vector<std::size_t>& cells) {
+    constexpr int most_turns = 2000;
+    constexpr double enough = 1e-4, over = 1.6;
+    const std::size_t width = raster.width, height = raster.height;
+    double change = 2 * enough;
+    for (int turn = 0; turn < most_turns && change > enough; ++turn) {
+        change = 0;
+        for (const std::size_t k : cells) {
+            const std::size_t column = k % width, row = k / width;
+            double sum = 0, count = 0;
+            const auto take = [&](bool there, std::size_t neighbour) {
+                if (!there || !raster.valid[neighbour])
+                    return;
+                sum += raster.values[neighbour];
+                count += 1;
+            };
+            take(column > 0, k - 1);
+            take(column + 1 < width, k + 1);
+            take(row > 0, k - width);
+            take(row + 1 < height, k + width);
+            if (count == 0)
+                continue;
+            const double step = over * (sum / count - raster.values[k]);
+            raster.values[k] += step;
+            change = std::max(change, std::abs(step));
+        }
+    }
+}
+
+} // namespace
+
+std::size_t fill_holes(Raster& raster, double reach) {
+    start_gdal();
+    // Without data and connected to the raster's edge, over sides or corners.
+    std::vector<std::uint8_t> outer(raster.size(), 0);
+    std::vector<std::size_t> open;
+    const auto enter = [&](std::size_t column, std::size_t row) {
+        const std::size_t k = raster.index(column, row);
+        if (!raster.valid[k] && !outer[k]) {
+            outer[k] = 1;
+            open.push_back(k);
+        }
+    };
+    for (std::size_t column = 0; column < raster.width; ++column) {
+        enter(column, 0);
+        enter(column, raster.height - 1);
+    }
+    for (std::size_t row = 0; row < raster.height; ++row) {
+        enter(0, row);
+        enter(raster.width - 1, row);
+    }
+    while (!open.empty()) {
+        const std::size_t column = open.back() % raster.width, row = open.back() / raster.width;
+        open.pop_back();
+        for (std::size_t r = row - std::min<std::size_t>(row, 1); r <= std::min(row + 1, raster.height - 1);
+             ++r)
+            for (std::size_t c = column - std::min<std::size_t>(column, 1);
+                 c <= std::min(column + 1, raster.width - 1); ++c)
+                enter(c, r);
+    }
+    const auto is_hole = [&](std::size_t k) { return !raster.valid[k] && !outer[k]; };
+    std::size_t holes = 0;
+    double mean = 0; // taken off, since GDALFillNodata calculates in single precision
+    const auto count = static_cast<double>(raster.valid_count());
+    for (std::size_t k = 0; k < raster.size(); ++k) {
+        holes += is_hole(k);
+        mean += raster.valid[k] ? raster.values[k] / count : 0;
+    }
+    if (holes == 0)
+        return 0;
+    Raster centred = raster;
+    for (double& value : centred.values)
+        value -= mean;
+    const Dataset dataset = in_memory(centred);
+    GDALRasterBand* band = dataset->GetRasterBand(1);
+    char temporary[] = "TEMP_FILE_DRIVER=MEM";
+    char* options[] = {temporary, nullptr};
+    if (GDALFillNodata(GDALRasterBand::ToHandle(band), nullptr,
+                       std::max(1.0, reach / std::min(raster.cell_x, raster.cell_y)), 0, 0, options, nullptr,
+                       nullptr) != CE_None)
+        throw Error(ExitCode::run_failed,
+                    fmt::format("{}: holes cannot be filled ({})", raster.name, last_gdal_message()));
+    std::vector<std::size_t> filled;
+    std::vector<double> line(raster.width);
+    for (std::size_t row = 0; row < raster.height; ++row) {
+        if (band->RasterIO(GF_Read, 0, static_cast<int>(raster.height - 1 - row),
+                           static_cast<int>(raster.width), 1, line.data(), static_cast<int>(raster.width), 1,
+                           GDT_Float64, 0, 0, nullptr) != CE_None)
+            throw Error(ExitCode::run_failed, fmt::format("raster in memory: {}", last_gdal_message()));
+        for (std::size_t column = 0; column < raster.width; ++column) {
+            const std::size_t k = raster.index(column, row);
+            if (!is_hole(k) || line[column] == no_data_value)
+                continue;
+            raster.values[k] = line[column] + mean;
+            raster.valid[k] = 1;
+            filled.push_back(k);
+        }
+    }
+    relax(raster, filled);
+    return filled.size();
+}
+
+std::vector<std::size_t> cells_without_data(const Raster& raster, const Outline& domain) {
+    std::vector<std::size_t> result;
+    for (std::size_t k = 0; k < raster.size(); ++k)
+        if (!raster.valid[k] &&
+            domain.contains(raster.centre_x(k % raster.width), raster.centre_y(k / raster.width)))
+            result.push_back(k);
+    return result;
+}
+
+std::string readable_system(const std::string& wkt) {
+    return system_name(wkt);
 }
 
 bool compatible_systems(const std::string& wkt_a, const std::string& wkt_b) {

@@ -2,10 +2,13 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 namespace talus::terrain {
+
+class Outline;
 
 /// A north-up grid of numbers in projected map coordinates (metres), row 0 the southernmost, column 0 the
 /// westernmost. Values belong to cell centres. `valid[k]` is 0 where the cell has no data (its value is then
@@ -50,11 +53,38 @@ Raster read_raster(const std::string& path);
 /// @throws Error(output_exists), Error(usage) for another extension, Error(run_failed)
 void write_raster(const std::string& path, const Raster& raster, bool overwrite);
 
+/// Bilinear between the four cell centres around a point (m, map coordinates); none outside the hull of the
+/// cell centres and where one of those that count is without data.
+std::optional<double> interpolate(const Raster& raster, double x, double y);
+
 /// Bilinear interpolation between cell centres onto the grid of `like`; cells whose four neighbours are not
 /// all valid, or whose centre lies outside the hull of the source's cell centres, are without data.
 ///
 /// @throws Error(input_invalid) where the two do not overlap or their stated coordinate systems differ
 Raster resample(const Raster& source, const Raster& like);
+
+/// The raster in another projected system. The new cells are square, a quarter of the old ones' edge (as long
+/// as there are no more than 16 million of them; then a half, or all of it), so that the new surface follows
+/// the old one between its nodes, too; they are aligned to multiples of their edge and cover the old raster.
+/// Each new centre is brought back into the raster's own system (PROJ) and interpolated bilinearly (see
+/// interpolate). Elevations are kept: vertical datums are not converted.
+///
+/// @throws Error(input_invalid) where the raster states no system, no way leads from one system to the other,
+/// or no new cell gets data
+Raster reproject(const Raster& source, const std::string& target_wkt);
+
+/// Gives values to cells without data in holes, that is, where data enclose them on all sides, as far as
+/// `reach` (m) from the nearest cell with data. GDALFillNodata says which and gives first values; Laplace's
+/// equation smooths them, so that planes go on as planes. What is connected to the raster's edge stays
+/// without data: there a value would be extrapolated.
+/// @return how many cells were filled
+std::size_t fill_holes(Raster& raster, double reach);
+
+/// Index of the cells without data whose centres are inside `domain`, in storage order.
+std::vector<std::size_t> cells_without_data(const Raster& raster, const Outline& domain);
+
+/// Name and code of a system ("NAD83 / Washington South (EPSG:32149)").
+std::string readable_system(const std::string& wkt);
 
 /// True where both are stated and mean the same system, or one is not stated.
 bool compatible_systems(const std::string& wkt_a, const std::string& wkt_b);

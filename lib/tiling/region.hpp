@@ -6,6 +6,7 @@
 #include "terrain/rectangle.hpp"
 
 #include <cstdint>
+#include <limits>
 #include <string>
 
 namespace talus::tiling {
@@ -39,6 +40,9 @@ public:
     virtual Mark mark(const Vec3& centre, double radius) const = 0;
     /// m3, to be filled with grains.
     virtual double volume() const = 0;
+    /// Height of the upper surface above a point of the map; NaN where there is none or it is no single
+    /// height.
+    virtual double top(double, double) const { return std::numeric_limits<double>::quiet_NaN(); }
     virtual Vec3 origin() const { return {}; }
     virtual std::string coordinate_system() const { return {}; }
 };

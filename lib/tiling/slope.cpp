@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <limits>
 
 namespace talus::tiling {
 
@@ -54,6 +55,21 @@ void check_surface(const HeightField& surface, const Raster& raster, const Outli
                 "{}: domain ({}) reaches beyond {}, whose surface spans {} (between cell centres); give "
                 "a --domain inside it",
                 domain.name(), describe(wanted), raster.name, describe(extent)));
+    const std::vector<std::size_t> missing = terrain::cells_without_data(raster, domain);
+    const auto without_data = [&](double x, double y) {
+        const std::string where =
+            missing.empty() ? std::string("inside the domain, between cell centres at its edge")
+                            : fmt::format("inside the domain ({} cells there, {:.6g} m2)", missing.size(),
+                                          static_cast<double>(missing.size()) * raster.cell_area());
+        throw Error(
+            ExitCode::configuration_invalid,
+            fmt::format("{}: no data near x {:.10g}, y {:.10g} {}; give a --domain without such cells, "
+                        "or fill small holes with --nodata fill",
+                        raster.name, x, y, where));
+    };
+    if (!missing.empty())
+        without_data(raster.centre_x(missing.front() % raster.width),
+                     raster.centre_y(missing.front() / raster.width));
     const HeightField::PatchRange range = surface.patches(wanted);
     for (std::size_t row = range.r0; row < range.r1; ++row)
         for (std::size_t column = range.c0; column < range.c1; ++column) {
@@ -63,16 +79,97 @@ void check_surface(const HeightField& surface, const Raster& raster, const Outli
             patch = {patch.lower_x + slack, patch.lower_y + slack, patch.upper_x - slack,
                      patch.upper_y - slack};
             if (domain.place(patch) != Placement::outside)
-                throw Error(
-                    ExitCode::configuration_invalid,
-                    fmt::format("{}: no data near x {:.10g}, y {:.10g} inside the domain; give a --domain "
-                                "without such cells, or fill them with gdal_fillnodata.py",
-                                raster.name, (patch.lower_x + patch.upper_x) / 2,
-                                (patch.lower_y + patch.upper_y) / 2));
+                without_data((patch.lower_x + patch.upper_x) / 2, (patch.lower_y + patch.upper_y) / 2);
         }
 }
 
+/// What post - pre looks like at the nodes of both surfaces inside the domain.
+struct Comparison {
+    double lowest = std::numeric_limits<double>::infinity(), highest = -lowest; ///< m, of post - pre
+    Bounds pre, post;                                                           ///< m, elevations
+    double slope = 0, correlation = 0; ///< of the straight line through (pre, post)
+};
+
+Comparison compare(const HeightField& pre, const HeightField& post, const Raster& pre_raster,
+                   const Raster& post_raster, const Outline& domain) {
+    Comparison result;
+    double n = 0, mean_a = 0, mean_b = 0, aa = 0, bb = 0, ab = 0; // running means and co-moments (Welford)
+    for (const Raster* raster : {&pre_raster, &post_raster})
+        for (std::size_t k = 0; k < raster->size(); ++k) {
+            const double x = raster->centre_x(k % raster->width), y = raster->centre_y(k / raster->width);
+            if (!domain.contains(x, y))
+                continue;
+            const double a = pre.height(x, y), b = post.height(x, y);
+            if (!(a == a && b == b))
+                continue;
+            result.lowest = std::min(result.lowest, b - a);
+            result.highest = std::max(result.highest, b - a);
+            result.pre.include(a);
+            result.post.include(b);
+            n += 1;
+            const double da = a - mean_a, db = b - mean_b;
+            mean_a += da / n;
+            mean_b += db / n;
+            aa += da * (a - mean_a);
+            bb += db * (b - mean_b);
+            ab += da * (b - mean_b);
+        }
+    if (aa > 0 && bb > 0) {
+        result.slope = ab / aa;
+        result.correlation = ab / std::sqrt(aa * bb);
+    }
+    return result;
+}
+
+void check_elevations(const SlopeSettings& s, const Comparison& c) {
+    const auto refuse = [&](const std::string& what) {
+        throw Error(ExitCode::input_invalid, fmt::format("{}: {}", s.post.name, what));
+    };
+    const auto ranges = [&] {
+        return fmt::format("{:.6g} to {:.6g} m against {:.6g} to {:.6g} m of {}", c.post.lower, c.post.upper,
+                           c.pre.lower, c.pre.upper, s.pre.name);
+    };
+    if (c.pre.empty())
+        return; // a domain between the nodes
+    constexpr double foot = 0.3048;
+    const auto is_about = [&](double ratio) { return std::abs(c.slope / ratio - 1) < 0.05; };
+    if (c.correlation > 0.95 && c.pre.upper - c.pre.lower > 1 && (is_about(foot) || is_about(1 / foot)))
+        refuse(
+            fmt::format("elevations rise {:.3g} times as much as those of {} ({}): one of them is in feet; "
+                        "convert it to metres with 'gdal_calc.py --calc=A*0.3048'",
+                        c.slope, s.pre.name, ranges()));
+    const double gap = std::max(c.post.lower - c.pre.upper, c.pre.lower - c.post.upper);
+    if (gap > 500)
+        refuse(fmt::format(
+            "elevations have nothing in common with those of {} ({}); check units (feet, metres) and "
+            "vertical datums of both",
+            s.pre.name, ranges()));
+    if (c.lowest > 0)
+        refuse(fmt::format(
+            "lies above {} everywhere inside the domain, by {:.6g} to {:.6g} m: nothing can be "
+            "released; exchange --pre and --post, check their vertical datums, or give --pre twice "
+            "for ground at rest",
+            s.pre.name, c.lowest, c.highest));
+}
+
 } // namespace
+
+SurfaceNotes match_surfaces(Raster& pre, Raster& post, NoData rule, double reach) {
+    SurfaceNotes notes;
+    if (rule == NoData::fill) {
+        notes.pre_filled = terrain::fill_holes(pre, reach);
+        notes.post_filled = terrain::fill_holes(post, reach);
+    }
+    notes.pre_filled_area = static_cast<double>(notes.pre_filled) * pre.cell_area();
+    notes.post_filled_area = static_cast<double>(notes.post_filled) * post.cell_area();
+    if (!terrain::compatible_systems(pre.coordinate_system, post.coordinate_system)) {
+        notes.post_reprojected_from = terrain::readable_system(post.coordinate_system);
+        notes.post_reprojected_to = terrain::readable_system(pre.coordinate_system);
+        post = terrain::reproject(post, pre.coordinate_system);
+    }
+    notes.post_cell = post.cell_x;
+    return notes;
+}
 
 SlopeRegion::Frame SlopeRegion::plan(const SlopeSettings& s) {
     check_lengths(s);
@@ -93,6 +190,7 @@ SlopeRegion::Frame SlopeRegion::plan(const SlopeSettings& s) {
     frame.domain = s.domain ? *s.domain : Outline::from_rectangle(common);
     check_surface(pre, s.pre, frame.domain);
     check_surface(post, s.post, frame.domain);
+    check_elevations(s, compare(pre, post, s.pre, s.post, frame.domain));
     const Rectangle b = frame.domain.bounds();
     if (std::min(b.width(), b.height()) <= 2 * std::max(s.fixed_thickness, s.radius_max))
         throw Error(
@@ -105,6 +203,21 @@ SlopeRegion::Frame SlopeRegion::plan(const SlopeSettings& s) {
             ExitCode::configuration_invalid,
             fmt::format("{}: source area ({}) lies outside the domain ({}); check both and their systems",
                         s.source_area->name(), describe(s.source_area->bounds()), describe(b)));
+    if (s.source_area) { // outlines may pass each other where their bounding rectangles meet
+        const Rectangle common_part = s.source_area->bounds().intersection(b);
+        constexpr int across = 200;
+        bool meet = false;
+        for (int k = 0; k < across * across && !meet; ++k) {
+            const double x = common_part.lower_x + (k % across + 0.5) / across * common_part.width();
+            const double y = common_part.lower_y + (k / across + 0.5) / across * common_part.height();
+            meet = s.source_area->contains(x, y) && frame.domain.contains(x, y);
+        }
+        if (!meet)
+            throw Error(
+                ExitCode::configuration_invalid,
+                fmt::format("{}: source area does not meet the domain ({}); check both and their systems",
+                            s.source_area->name(), frame.domain.name()));
+    }
     const double lowest = std::min(pre.bounds(b).lower, post.bounds(b).lower) - s.shift;
     frame.origin = {std::floor(b.lower_x), std::floor(b.lower_y), std::floor(lowest)};
     return frame;
@@ -128,6 +241,7 @@ SlopeRegion::SlopeRegion(const SlopeSettings& s, const Frame& frame)
                {domain_bounds_.upper_x, domain_bounds_.upper_y, pre.upper}};
     const Vec3 size = bounds_.lengths();
     slack_ = 1e-9 * (size.x + size.y + size.z);
+    measures_ = measure();
 }
 
 Bounds SlopeRegion::column(const Rectangle& base) const {
@@ -193,40 +307,58 @@ Mark SlopeRegion::mark(const Vec3& c, double radius) const {
     return Mark::plain;
 }
 
-template <class Depth>
-double SlopeRegion::integrate(Depth&& depth) const {
+/// Calls visit(x, y, area) at the middles of equal cells that lie in the domain.
+template <class Visit>
+void SlopeRegion::sweep(Visit&& visit) const {
+    constexpr double most_cells = 4e6;
     const double finest =
-        std::min({pre_.spacing_x(), pre_.spacing_y(), post_.spacing_x(), post_.spacing_y()}) / 8;
+        std::max(std::min({pre_.spacing_x(), pre_.spacing_y(), post_.spacing_x(), post_.spacing_y()}) / 8,
+                 std::sqrt(domain_bounds_.area() / most_cells));
     const double columns = std::ceil(domain_bounds_.width() / finest),
                  rows = std::ceil(domain_bounds_.height() / finest);
     const double dx = domain_bounds_.width() / columns, dy = domain_bounds_.height() / rows;
-    double sum = 0;
-    for (double row = 0; row < rows; ++row) {
-        double line = 0;
+    for (double row = 0; row < rows; ++row)
         for (double column = 0; column < columns; ++column) {
             const double x = domain_bounds_.lower_x + (column + 0.5) * dx;
             const double y = domain_bounds_.lower_y + (row + 0.5) * dy;
             if (domain_.contains(x, y))
-                line += depth(x, y);
+                visit(x, y, dx * dy);
         }
-        sum += line;
-    }
-    return sum * dx * dy;
 }
 
-double SlopeRegion::volume() const {
-    return integrate([this](double x, double y) {
-        const double pre = pre_.height(x, y);
-        return pre - std::min(pre, post_.height(x, y)) + shift_;
+SlopeMeasures SlopeRegion::measure() const {
+    SlopeMeasures m;
+    m.lowest_change = std::numeric_limits<double>::infinity();
+    m.highest_change = -m.lowest_change;
+    sweep([&](double x, double y, double area) {
+        const double pre = pre_.height(x, y), post = post_.height(x, y), change = post - pre;
+        const bool in_source = !source_area_ || source_area_->contains(x, y);
+        m.volume += (pre - std::min(pre, post) + shift_) * area;
+        m.release_volume += in_source ? std::max(0.0, -change) * area : 0;
+        m.lowest_change = std::min(m.lowest_change, change);
+        m.highest_change = std::max(m.highest_change, change);
+        if (change < 0) {
+            m.eroded_area += area;
+            m.eroded_volume -= change * area;
+        } else if (change > 0) {
+            m.deposited_area += area;
+            m.deposited_volume += change * area;
+        }
+        m.source_area_inside += source_area_ && in_source ? area : 0;
     });
+    m.source_area = source_area_ ? source_area_->area() : 0;
+    return m;
 }
 
-double SlopeRegion::release_volume() const {
-    return integrate([this](double x, double y) {
-        if (source_area_ && !source_area_->contains(x, y))
-            return 0.0;
-        return std::max(0.0, pre_.height(x, y) - post_.height(x, y));
-    });
+std::vector<std::string> SlopeRegion::remarks() const {
+    const SlopeMeasures& m = measures_;
+    std::vector<std::string> lines;
+    if (source_area_ && m.source_area_inside < 0.99 * m.source_area)
+        lines.push_back(
+            fmt::format("{}: {:.3g} % of the source area lie outside the domain; what stands there is not "
+                        "in the model",
+                        source_area_->name(), 100 * (1 - m.source_area_inside / m.source_area)));
+    return lines;
 }
 
 } // namespace talus::tiling

@@ -3,6 +3,9 @@
 #include "terrain/mesh.hpp"
 #include "tiling/region.hpp"
 
+#include <cmath>
+#include <limits>
+
 namespace talus::tiling {
 
 /// Upright cylinder x^2 + y^2 <= (D/2)^2, 0 <= z <= H.
@@ -16,6 +19,9 @@ public:
     Cover cover(const Vec3& lower, const Vec3& upper) const override;
     Mark mark(const Vec3& centre, double radius) const override;
     double volume() const override;
+    double top(double x, double y) const override {
+        return std::hypot(x, y) <= radius_ ? height_ : std::numeric_limits<double>::quiet_NaN();
+    }
 
 private:
     double radius_, height_, inset_, slack_;
@@ -32,6 +38,10 @@ public:
     Cover cover(const Vec3& lower, const Vec3& upper) const override;
     Mark mark(const Vec3& centre, double radius) const override;
     double volume() const override;
+    double top(double x, double y) const override {
+        const bool over = x >= 0 && x <= edges_.x && y >= 0 && y <= edges_.y;
+        return over ? edges_.z : std::numeric_limits<double>::quiet_NaN();
+    }
 
 private:
     Vec3 edges_;

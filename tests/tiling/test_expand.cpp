@@ -156,7 +156,9 @@ TEST(Expand, VariantsMeetAcrossSeamsAsFoundBySearchingTheWhole) {
         }
         EXPECT_EQ(joined, grains.position);
         EXPECT_EQ(contacts, grains.contacts.size());
-        EXPECT_EQ(forecast(boxes, 5, scale, *region, team, 100'000'000).counts.particle_count, grains.size());
+        EXPECT_EQ(
+            forecast(boxes, 5, scale, *region, team, {100'000'000, 1'000'000'000}).counts.particle_count,
+            grains.size());
         EXPECT_NE(expand(trim(boxes, 6, scale, *region, team).model, team).position, grains.position);
     }
 }

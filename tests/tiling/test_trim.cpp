@@ -205,10 +205,10 @@ TEST(Trim, ForecastIsWithinTwoPerCent) {
     const SlopeRegion slope(s);
     for (const Region* region : {static_cast<const Region*>(&cylinder), static_cast<const Region*>(&slope)}) {
         const TrimCounts done = trim(box(), scale, *region, team).counts;
-        const TrimForecast all = forecast(box(), scale, *region, team, 1'000'000'000);
+        const TrimForecast all = forecast(box(), scale, *region, team, {1'000'000'000, 1'000'000'000});
         EXPECT_EQ(all.counts.particle_count, done.particle_count);
         EXPECT_EQ(all.counts.fixed_count, done.fixed_count);
-        const TrimForecast some = forecast(box(), scale, *region, team, done.grains_tested / 4);
+        const TrimForecast some = forecast(box(), scale, *region, team, {done.grains_tested / 4, 10});
         EXPECT_GT(some.sample_stride, 3u);
         EXPECT_LT(some.counts.grains_tested, done.grains_tested / 2);
         EXPECT_NEAR(static_cast<double>(some.counts.particle_count), static_cast<double>(done.particle_count),

@@ -184,6 +184,88 @@ class TileTrim(ReadsInput, ToolTest):
         self.fails(INPUT, "tile-trim", "big.h5", "--cuboid", "9,9,9", "-o", "x.h5", names=["big.h5", "radius"])
 
 
+class Parts(ToolTest):
+    """A tiled model as input: parts of it, and the explicit form."""
+    tool = "tile-trim"
+
+    def setUp(self):
+        super().setUp()
+        self.ok("pgbox-gen", "--radius", 0.09, "-o", "box.h5")
+        self.ok("tile-trim", "box.h5", "--cylinder", "5,6", "-o", "whole.h5")
+        self.ok("tile-trim", "box.h5", "--cylinder", "5,6", "--explicit", "-o", "explicit.h5")
+
+    def test_written_out_it_is_the_explicit_model(self):
+        got = self.ok("tile-trim", "whole.h5", "--explicit", "-o", "out.h5", "--format", "json").json
+        self.assertGreater(got["particles_expanded_per_second"], 0)
+        with h5py.File(self.folder / "explicit.h5") as a, h5py.File(self.folder / "out.h5") as b:
+            for name in ("particles/all/position", "particles/all/radius", "connectivity/contacts",
+                         "granular/contacts/image", "granular/contacts/normal_overlap"):
+                np.testing.assert_array_equal(a[name][()], b[name][()], name)
+            self.assertEqual(got["contact_count"], len(a["connectivity/contacts"]))
+
+    def test_part(self):
+        lower, upper = np.array([-1.3, -0.4, 1.2]), np.array([1.6, 2.1, 3.7])
+        part = ",".join(str(v) for v in (*lower, *upper))
+        tiled = self.ok("tile-trim", "whole.h5", "--part", part, "-o", "part.h5", "--format", "json").json
+        straight = self.ok("tile-trim", "whole.h5", "--part", part, "--explicit", "-o", "a.h5", "--format", "json").json
+        self.ok("tile-trim", "part.h5", "--explicit", "-o", "b.h5")
+        self.assertGreater(tiled["tiles_skipped"], 0)
+        with h5py.File(self.folder / "explicit.h5") as whole:
+            position, pairs = whole["particles/all/position"][()], whole["connectivity/contacts"][()]
+        keep = np.all((position >= lower) & (position < upper), axis=1)
+        self.assertTrue(0 < keep.sum() < len(position))
+        number = np.cumsum(keep) - 1
+        pairs = number[pairs[keep[pairs].all(axis=1)]]
+        self.assertEqual(tiled["particle_count"], keep.sum())
+        self.assertEqual(straight["particle_count"], keep.sum())
+        for name in ("a.h5", "b.h5"):
+            with h5py.File(self.folder / name) as file:
+                np.testing.assert_array_equal(file["particles/all/position"][()], position[keep])
+                np.testing.assert_array_equal(file["connectivity/contacts"][()], pairs)
+
+    def test_contacts_wanted(self):
+        none = self.ok("tile-trim", "whole.h5", "--explicit", "--contacts", "none", "-o", "a.h5", "--format", "json").json
+        self.assertEqual(none["contact_count"], 0)
+        with h5py.File(self.folder / "a.h5") as file:
+            self.assertNotIn("connectivity/contacts", file)
+        self.fails(USAGE, "tile-trim", "whole.h5", "--contacts", "none", "-o", "b.h5", names="explicit")
+
+    def test_parts_that_cannot_be(self):
+        for part, code, names in (("1,2,3", USAGE, "part"), ("1,0,0,0,1,1", CONFIGURATION, "part"),
+                                  ("90,90,90,91,91,91", CONFIGURATION, ["part", "clear"])):
+            self.fails(code, "tile-trim", "whole.h5", "--part", part, "-o", "x.h5", names=names)
+        self.fails(USAGE, "tile-trim", "box.h5", "--cuboid", "2,2,2", "--part", "0,0,0,1,1,1", "-o", "x.h5", names="part")
+        self.fails(INPUT, "tile-trim", "whole.h5", "--cuboid", "2,2,2", "-o", "x.h5", names="whole.h5")
+        self.fails(INPUT, "tile-trim", "explicit.h5", "--part", "0,0,0,1,1,1", "-o", "x.h5", names="explicit.h5")
+        self.assertNotIn("x.h5", self.files())
+
+
+class Forecast(ToolTest):
+    """tile-trim -n against what then happens."""
+    tool = "tile-trim"
+
+    def test_within_two_percent(self):
+        self.ok("pgbox-gen", "--radius", 0.06, "--radius-min-ratio", 0.82, "--route", "compress", "--friction", 0, "-o", "box.h5")
+        real = ["--pre", HELENS / "pre_runout_DEM.asc", "--post", HELENS / "post_runout_DEM.asc", "--shift", "8m",
+                "--source-area", HELENS / "source_area.geojson", "--domain", "361100,70950,361400,71250"]
+        cases = {"cylinder": ["--cylinder", "20,30", "--radius-max", "8cm"],
+                 "finer cylinder": ["--cylinder", "20,30", "--radius-max", "4cm"],
+                 "real": [*real, "--radius-max", "50cm"], "finer real": [*real, "--radius-max", "25cm"],
+                 "written out": [*real, "--radius-max", "80cm", "--explicit"]}
+        for what, words in cases.items():
+            with self.subTest(what):
+                told = self.ok("tile-trim", "box.h5", *words, "-n", "-o", "n.h5", "--format", "json").json
+                self.assertNotIn("n.h5", self.files())
+                done = self.ok("tile-trim", "box.h5", *words, "-o", "x.h5", "--overwrite", "--format",
+                               "json").json
+                keys = ["particle_count", "bytes_written"] + (["contact_count"] if "--explicit" in words else [])
+                for key in keys:
+                    self.assertAlmostEqual(told[key] / done[key], 1, delta=0.02, msg=f"{what}: {key}")
+                # Of some 50 MB, most of which are libraries; what waits between threads differs from run to run.
+                self.assertAlmostEqual(told["peak_memory"] / done["peak_memory"], 1, delta=0.12,
+                                       msg=what)
+
+
 class Slope(ToolTest):
     tool = "tile-trim"
 

@@ -80,4 +80,24 @@ std::string xdmf_points(const std::string& hdf5_file, const std::string& name,
     return xml + "  </Domain>\n</Xdmf>\n";
 }
 
+std::string xdmf_surfaces(const std::string& hdf5_file, const std::vector<XdmfSurface>& surfaces) {
+    const std::string file = std::filesystem::path(hdf5_file).filename().string(), in = "      ";
+    std::string xml = "<?xml version=\"1.0\" ?>\n<Xdmf Version=\"2.0\">\n  <Domain>\n";
+    for (const XdmfSurface& surface : surfaces) {
+        xml += fmt::format("    <Grid Name=\"{}\" GridType=\"Uniform\">\n", escaped(surface.name));
+        xml += fmt::format("{0}<Topology TopologyType=\"{1}\" NumberOfElements=\"{2}\">\n{3}{0}</Topology>\n",
+                           in, surface.corners.width == 3 ? "Triangle" : "Quadrilateral",
+                           surface.corners.rows, reference(file, surface.corners, 0, in + "  "));
+        xml += fmt::format("{0}<Geometry GeometryType=\"XYZ\">\n{1}{0}</Geometry>\n", in,
+                           reference(file, surface.points, 0, in + "  "));
+        for (const XdmfArray& array : surface.cells)
+            xml += fmt::format(
+                "{0}<Attribute Name=\"{1}\" AttributeType=\"{2}\" Center=\"Cell\">\n{3}{0}</Attribute>\n", in,
+                escaped(array.name), array.width > 1 ? "Vector" : "Scalar",
+                reference(file, array, 0, in + "  "));
+        xml += "    </Grid>\n";
+    }
+    return xml + "  </Domain>\n</Xdmf>\n";
+}
+
 } // namespace talus::io

@@ -23,4 +23,12 @@ struct XdmfArray {
 std::string xdmf_points(const std::string& hdf5_file, const std::string& name,
                         const std::vector<XdmfArray>& arrays, const std::vector<double>& times = {});
 
+/// A surface of triangles or quadrilaterals, with values on its cells.
+struct XdmfSurface {
+    std::string name;
+    XdmfArray points, corners; ///< corners: [cells][3 or 4], numbers of points
+    std::vector<XdmfArray> cells;
+};
+std::string xdmf_surfaces(const std::string& hdf5_file, const std::vector<XdmfSurface>& surfaces);
+
 } // namespace talus::io

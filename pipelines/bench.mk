@@ -16,3 +16,11 @@ SCALING ?=
 .PHONY: bench-scaling
 bench-scaling: build-tools
 	pipelines/bench/scaling --bin $(bin) --out results/bench-scaling $(SCALING)
+
+# A slope of 6.5 billion grains in tiles, and the speed of expansion; some minutes.
+#   TILING   options of pipelines/bench/tiling, as TILING=--quick
+TILING ?=
+
+.PHONY: bench-tiling
+bench-tiling: build-tools
+	pipelines/bench/tiling --bin $(bin) --out results/bench-tiling $(TILING)

@@ -7,6 +7,7 @@
 #include "io/trajectory_file.hpp"
 #include "measure/agreement.hpp"
 #include "measure/pictures.hpp"
+#include "measure/settling.hpp"
 #include "measure/slide.hpp"
 #include "terrain/outline.hpp"
 #include "terrain/raster.hpp"
@@ -23,10 +24,11 @@ using namespace talus;
 namespace {
 
 struct Options {
-    std::string from, plot, plot_format = "png", rasters, raster_format = "tif", observed_difference,
-                            observed_outline, pre;
+    std::string full_frames, from, plot, plot_format = "png", rasters, raster_format = "tif",
+                                         observed_difference, observed_outline, pre;
     std::optional<double> threshold, moved_distance, cell, solid_volume_fraction;
     double observed_threshold = 0, bin_width = 50, histogram_from = 50;
+    measure::SettlingLimits settling;
 };
 
 /// Everything the maps are compared with and drawn on.
@@ -126,6 +128,10 @@ measure::Slide read_slide(const io::TrajectoryReader& t, const std::string& path
     else if (ground.pre && !o.cell)
         options.grid = ground.pre;
     options.coordinate_system = s.coordinate_system;
+    if (t.column_attribute("travel_distance", "from_step") == static_cast<double>(t.step(first))) {
+        options.run_travel = t.column("travel_distance");
+        options.travel_interval = t.column_attribute("travel_distance", "interval").value_or(0);
+    }
     measure::SlideObserver observer({s.radius, s.species, s.release, s.origin, s.box}, options);
     cli::Progress progress("frames", tool.common().progress, tool.common().quiet);
     for (std::size_t k = first; k < t.frames(); ++k) {
@@ -136,6 +142,106 @@ measure::Slide read_slide(const io::TrajectoryReader& t, const std::string& path
     if (ground.pre)
         terrain::resample(*ground.pre, slide.change.change); // refuses a raster from elsewhere
     return slide;
+}
+
+/// A column of the series at the first or last row of a stage; none where the run did not record it.
+std::optional<double> in_stage(const io::TrajectoryReader& t, std::size_t stage, const std::string& column,
+                               bool last) {
+    const auto names = t.series_names();
+    for (const std::string& name : {std::string("stage"), column})
+        if (!std::binary_search(names.begin(), names.end(), name))
+            return std::nullopt;
+    const std::vector<double> number = t.series("stage"), value = t.series(column);
+    const auto range = std::equal_range(number.begin(), number.end(), static_cast<double>(stage));
+    if (range.first == range.second)
+        return std::nullopt;
+    return value[static_cast<std::size_t>((last ? range.second - 1 : range.first) - number.begin())];
+}
+
+/// How long a stage would have waited for rest; none where it does not wait or the scene is not there.
+std::optional<double> limit_of(const io::TrajectoryReader& t, std::size_t stage) {
+    const auto scene = nlohmann::json::parse(t.config(), nullptr, false);
+    if (!scene.is_object() || !scene.contains("stages") || !scene["stages"].is_array() ||
+        stage >= scene["stages"].size() || scene["stages"][stage].value("until", "") != "rest")
+        return std::nullopt;
+    return scene["stages"][stage].value("limit", 0.0);
+}
+
+/// All stages that end before the slide begins.
+std::vector<measure::Settling> read_settling(const io::TrajectoryReader& t, const std::string& path,
+                                             const Options& o) {
+    const io::TrajectoryStatic& s = t.statics();
+    const auto stages = t.stages();
+    std::vector<std::int64_t> frame_step, mark_step;
+    for (std::size_t k = 0; k < t.frames(); ++k)
+        frame_step.push_back(t.step(k));
+    for (const auto& stage : stages)
+        mark_step.push_back(stage.step);
+    const std::size_t slide = first_frame(t, path, o.from);
+    const auto breakages = t.bond_breakages();
+    std::vector<measure::Settling> out;
+    for (const measure::StageFrames& f : measure::stage_frames(frame_step, mark_step)) {
+        if (frame_step[f.last] > frame_step[slide])
+            break;
+        const std::vector<Vec3> start = t.read(f.first, "position"), end = t.read(f.last, "position");
+        measure::SettlingStage stage;
+        stage.name = stages[f.stage].name;
+        stage.start_time = t.time(f.first);
+        stage.end_time = t.time(f.last);
+        stage.start = start;
+        stage.end = end;
+        stage.bonds = static_cast<std::size_t>(in_stage(t, f.stage, "bond_count", false).value_or(0));
+        for (const io::BondBreakage& b : breakages)
+            stage.bonds_broken += b.mode != 2 && b.step > frame_step[f.first] && b.step <= frame_step[f.last];
+        stage.limit = limit_of(t, f.stage);
+        stage.rms_speed = in_stage(t, f.stage, "rms_speed", true);
+        stage.unbalanced_force = in_stage(t, f.stage, "unbalanced_force", true);
+        out.push_back(
+            measure::measure_settling({s.radius, s.species, s.release, s.origin, s.box}, stage, o.settling));
+    }
+    return out;
+}
+
+nlohmann::json settling_json(const std::vector<measure::Settling>& stages, const Options& o) {
+    const auto triple = [](const Vec3& v) { return nlohmann::json{v.x, v.y, v.z}; };
+    const auto known = [](const auto& value) { return value ? nlohmann::json(*value) : nlohmann::json(); };
+    nlohmann::json out{{"slope_holds", nullptr},
+                       {"limits",
+                        {{"cell_movement", o.settling.cell_movement},
+                         {"broken_bonds", o.settling.broken_bonds},
+                         {"drift", o.settling.drift}}},
+                       {"stages", nlohmann::json::array()}};
+    for (const measure::Settling& s : stages) {
+        const double r = s.mean_radius;
+        out["stages"].push_back({{"name", s.name},
+                                 {"start_time", s.start_time},
+                                 {"end_time", s.end_time},
+                                 {"mean_radius", r},
+                                 {"mean_displacement", s.mean_displacement / r},
+                                 {"max_displacement", s.max_displacement / r},
+                                 {"max_displacement_at", triple(s.max_place)},
+                                 {"surface_grains", s.surface_count},
+                                 {"surface_movement_mean", s.surface_mean / r},
+                                 {"surface_movement_max", s.surface_max / r},
+                                 {"surface_sinking_mean", s.surface_sinking / r},
+                                 {"moves_most",
+                                  {{"place", triple(s.worst.place)},
+                                   {"movement", s.worst.movement / r},
+                                   {"displacement", triple(s.worst.mean_displacement)},
+                                   {"surface_grains", s.worst.grains}}},
+                                 {"bonds", s.bonds},
+                                 {"bonds_broken", s.bonds_broken},
+                                 {"bonds_broken_fraction", s.broken_fraction},
+                                 {"rest_reached", known(s.rest_reached)},
+                                 {"rms_speed", known(s.rms_speed)},
+                                 {"unbalanced_force", known(s.unbalanced_force)},
+                                 {"slope_holds", s.slope_holds},
+                                 {"reasons", s.reasons},
+                                 {"verdict", s.verdict}});
+        out["slope_holds"] =
+            s.slope_holds && (out["slope_holds"].is_null() || out["slope_holds"].get<bool>());
+    }
+    return out;
 }
 
 nlohmann::json agreement_json(const measure::Agreement& a) {
@@ -161,6 +267,7 @@ nlohmann::json report(const measure::Slide& s, const measure::TravelHistogram& h
         {"moved_count", r.moved_count},
         {"frame_time", s.time},
         {"max_travel_distance", s.largest_travel},
+        {"travel_source", s.travel_source},
         {"travel_histogram", {{"bin_edges", h.bin_edges}, {"fraction", h.fraction}, {"count", h.count}}},
         {"runout_length", r.runout_length},
         {"runout_length_95", r.runout_length_95},
@@ -233,6 +340,9 @@ std::string text_view(const nlohmann::json& r) {
     line("intersection over union", "intersection_over_union", "");
     line("observed excavated volume", "observed_excavated_volume", "m3");
     line("observed deposited volume", "observed_deposited_volume", "m3");
+    for (const auto& stage : r["settling"]["stages"])
+        out += fmt::format("slope in stage {}: {}\n", stage["name"].get<std::string>(),
+                           stage["verdict"].get<std::string>());
     return out;
 }
 
@@ -362,6 +472,14 @@ int main(int argc, char** argv) {
     settings.number("bin_width", o.bin_width, cli::Unit::length, "of the travel histogram", cli::positive);
     settings.number("histogram_from", o.histogram_from, cli::Unit::length, "shortest travel that is shown",
                     cli::not_negative);
+    settings.number("settling.cell_movement", o.settling.cell_movement, cli::Unit::none,
+                    "mean radii: a slope whose surface moves further, in the mean of a cell 8 mean diameters "
+                    "wide, while it settles does not hold",
+                    cli::positive);
+    settings.number("settling.broken_bonds", o.settling.broken_bonds, cli::Unit::none,
+                    "nor does one of whose bonds a larger share breaks", cli::positive);
+    settings.number("settling.drift", o.settling.drift, cli::Unit::none,
+                    "nor one that still moves faster at the end, mean radii a second", cli::positive);
     settings.choice("raster_format", o.raster_format, {"tif", "asc"}, "GeoTIFF or ESRI ASCII grid");
     settings.choice("plot_format", o.plot_format, {"png", "svg", "pdf"}, "of the pictures");
     tool.app().add_option(
@@ -373,6 +491,9 @@ int main(int argc, char** argv) {
     tool.app().add_option("--rasters", o.rasters,
                           "write rasters PREFIX_deposit.tif and so on (DIR/ for a folder)");
     tool.app().add_option("--plot", o.plot, "draw pictures PREFIX_map.png and so on (DIR/ for a folder)");
+    tool.app().add_option("--full-frames", o.full_frames,
+                          "write a copy of the trajectory with all frames in full, for other programs, where "
+                          "it was written with output.changed_only");
     return tool.run(argc, argv, [&] {
         if (o.cell && !o.observed_difference.empty())
             throw Error(ExitCode::usage,
@@ -387,11 +508,21 @@ int main(int argc, char** argv) {
             return;
         }
         check_outputs(o, tool.common().overwrite);
+        if (!o.full_frames.empty()) {
+            cli::Progress progress("full frames", tool.common().progress, tool.common().quiet);
+            io::write_full_frames(path, o.full_frames, tool.provenance_after(trajectory.provenance()),
+                                  tool.common().overwrite, [&](double part) { progress.update(part); });
+        }
         const measure::Slide slide = read_slide(trajectory, path, o, ground, tool);
         for (const std::string& warning : slide.warnings)
             tool.warn(fmt::format("{}: {}", path, warning));
         const auto histogram = measure::travel_histogram(slide.travel, o.bin_width, o.histogram_from);
         nlohmann::json result = report(slide, histogram);
+        const auto settling = read_settling(trajectory, path, o);
+        result["settling"] = settling_json(settling, o);
+        for (const measure::Settling& stage : settling)
+            if (!stage.slope_holds)
+                tool.warn(fmt::format("{}: the slope {}", path, stage.verdict));
         const auto observed = compare(slide, ground, o, result);
         if (!o.rasters.empty())
             write_rasters(slide, o, tool.common().overwrite);

@@ -60,7 +60,7 @@ std::string palette(bool diverging) {
 }
 
 /// Value at a point between cell centres, bilinear, held at the edges; NaN where a needed cell has no data.
-double interpolate(const Raster& r, double x, double y) {
+double shown_value(const Raster& r, double x, double y) {
     const double u = std::clamp((x - r.lower_x) / r.cell_x - 0.5, 0.0, static_cast<double>(r.width - 1));
     const double v = std::clamp((y - r.lower_y) / r.cell_y - 0.5, 0.0, static_cast<double>(r.height - 1));
     const auto c = std::min(static_cast<std::size_t>(u), r.width < 2 ? 0 : r.width - 2);
@@ -216,7 +216,7 @@ Picture map_picture(const SlideMap& map) {
             double light = 0.78;
             if (shade && x >= shade->lower_x && x < shade->upper_x() && y >= shade->lower_y &&
                 y < shade->upper_y()) {
-                const double s = interpolate(*shade, x, y);
+                const double s = shown_value(*shade, x, y);
                 light = std::isnan(s) ? 1 : 0.4 + 0.55 * std::clamp((s - dark) / (bright - dark), 0.0, 1.0);
             } else if (shade) {
                 light = 1;
@@ -247,7 +247,7 @@ Picture map_picture(const SlideMap& map) {
                 for (std::size_t row = 0; row < ny; row += 8)
                     for (std::size_t column = 0; column < nx; column += 8) {
                         const double z =
-                            interpolate(*map.elevation, box.lower_x + static_cast<double>(column) * step,
+                            shown_value(*map.elevation, box.lower_x + static_cast<double>(column) * step,
                                         box.lower_y + static_cast<double>(row) * step);
                         if (!std::isnan(z))
                             low = std::min(low, z), high = std::max(high, z);

@@ -174,12 +174,29 @@ void SlideObserver::note_cells(std::span<const Vec3> before, std::span<const Vec
     }
 }
 
+/// Where frames are further apart than the times at which the run itself added up travel distances.
+void SlideObserver::take_run_travel() {
+    if (options_.run_travel.empty() || slide_.time.size() < 2)
+        return;
+    const double between =
+        (slide_.time.back() - slide_.time.front()) / static_cast<double>(slide_.time.size() - 1);
+    if (!(options_.travel_interval < (1 - 1e-3) * between))
+        return;
+    if (options_.run_travel.size() != grains_.radius.size())
+        throw Error(ExitCode::input_invalid, "travel distances of another number of particles; the "
+                                             "trajectory is not whole");
+    slide_.travel = options_.run_travel;
+    slide_.travel_source = fmt::format("the run, every {:g} s", options_.travel_interval);
+    slide_.largest_travel.back() = *std::max_element(slide_.travel.begin(), slide_.travel.end());
+}
+
 Slide SlideObserver::finish() {
     if (travel_.frames() == 0)
         throw Error(ExitCode::input_invalid, "no frame to analyse");
     const auto largest = travel_.largest_by_frame(), distance = travel_.distance();
     slide_.largest_travel.assign(largest.begin(), largest.end());
     slide_.travel.assign(distance.begin(), distance.end());
+    take_run_travel();
     slide_.runout = measure_runout({travel_.start(), travel_.position(), grains_.radius, travel_.horizontal(),
                                     grains_.species, grains_.release},
                                    slide_.moved_distance);

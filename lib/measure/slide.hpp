@@ -27,6 +27,10 @@ struct SlideOptions {
     std::optional<double> cell;                  ///< m; 4 mean diameters; not used with `grid`
     std::optional<terrain::Raster> grid;         ///< the cells to use, in map coordinates
     std::string coordinate_system;               ///< of the map, WKT
+    /// Travel distances (m) that the run itself added up from the first frame on, every `travel_interval`
+    /// seconds; taken where frames are further apart. Empty: none.
+    std::vector<double> run_travel;
+    double travel_interval = 0;
 };
 
 /// All measures of one slide; points and rasters in map coordinates.
@@ -35,8 +39,9 @@ struct Slide {
     std::vector<double> time;           ///< s, of each frame
     std::vector<double> largest_travel; ///< m, of each frame
     std::vector<double> travel;         ///< m, of each particle at the end
-    Runout runout;                      ///< its points are relative to the origin
-    Vec3 crown, toe;                    ///< map coordinates
+    std::string travel_source = "frames";
+    Runout runout;   ///< its points are relative to the origin
+    Vec3 crown, toe; ///< map coordinates
     double solid_volume_fraction = 0;
     std::string solid_volume_fraction_source;
     double threshold = 0, moved_distance = 0;
@@ -60,6 +65,7 @@ public:
     Slide finish();
 
 private:
+    void take_run_travel();
     void choose_defaults(std::span<const Vec3> start);
     void cover(std::span<const Vec3> place);
     void note_flow(std::span<const Vec3> place);

@@ -7,13 +7,16 @@
 #include "cli/tool.hpp"
 #include "cli/units.hpp"
 #include "dem_run/checkpoint.hpp"
+#include "dem_run/labels.hpp"
 #include "dem_run/recorder.hpp"
 #include "dem_run/scene_settings.hpp"
+#include "dem_run/structures.hpp"
 #include "engine/run.hpp"
 #include "io/atomic_file.hpp"
 #include "io/checkpoint_file.hpp"
 #include "io/model_file.hpp"
 #include "io/quick_check.hpp"
+#include "io/tiled_file.hpp"
 #include "io/trajectory_file.hpp"
 #include "parallel/communicator.hpp"
 #include "tiling/expand.hpp"
@@ -40,6 +43,7 @@ struct Start {
     engine::RunPosition position;
     std::uint64_t first = 0; ///< number of the block's first particle
     std::optional<io::TrajectoryImage> trajectory;
+    std::shared_ptr<const io::CheckpointReader> checkpoint; ///< until the output has read its part
 };
 
 std::string checkpoint_path(std::string output, const std::string& given) {
@@ -62,29 +66,36 @@ io::Together together(const parallel::Communicator& world) {
 
 /// This rank's block of a model: of a tiled one the particles of some tiles, which only this rank expands.
 Start from_model(const std::string& path, ThreadTeam& team, const parallel::Communicator& world) {
-    io::ModelFile file = io::read_model(path, {world.rank(), world.size()});
     Start start;
-    start.provenance = std::move(file.provenance);
-    if (!file.tiled()) {
+    if (!io::TiledReader::is_tiled(path)) {
+        io::ModelFile file = io::read_model(path, {world.rank(), world.size()});
+        start.provenance = std::move(file.provenance);
         start.grains = std::move(std::get<Grains>(file.model));
         start.first = file.first;
         return start;
     }
-    const auto& model = std::get<TiledModel>(file.model);
+    const io::TiledReader file(path);
+    start.provenance = file.provenance();
+    const std::vector<TiledModel::Tile>& tiles = file.table().tiles;
+    const std::uint64_t total = file.table().size();
     const auto first_tile = [&](int rank) {
         const std::uint64_t particle =
-            model.size() * static_cast<std::uint64_t>(rank) / static_cast<std::uint64_t>(world.size());
-        return static_cast<std::size_t>(std::partition_point(model.tiles.begin(), model.tiles.end(),
+            total * static_cast<std::uint64_t>(rank) / static_cast<std::uint64_t>(world.size());
+        return static_cast<std::size_t>(std::partition_point(tiles.begin(), tiles.end(),
                                                              [&](const TiledModel::Tile& tile) {
                                                                  return tile.first_particle < particle;
                                                              }) -
-                                        model.tiles.begin());
+                                        tiles.begin());
     };
     const std::size_t begin = world.rank() == 0 ? 0 : first_tile(world.rank()),
-                      end = world.rank() + 1 == world.size() ? model.tiles.size()
-                                                             : first_tile(world.rank() + 1);
-    start.grains = tiling::Expander(model).tiles(begin, end, tiling::ContactsWanted::none, team);
-    start.first = begin < model.tiles.size() ? model.tiles[begin].first_particle : model.size();
+                      end = world.rank() + 1 == world.size() ? tiles.size() : first_tile(world.rank() + 1);
+    const TiledModel part = file.part(begin, end); // with the masks of these tiles only
+    start.grains = tiling::Expander(part).tiles(0, part.tiles.size(), tiling::ContactsWanted::none, team);
+    if (file.has_fixed()) // all ranks have the same columns
+        start.grains.species.resize(start.grains.size(), Species::grain);
+    if (file.has_release())
+        start.grains.release.resize(start.grains.size(), 0);
+    start.first = begin < tiles.size() ? tiles[begin].first_particle : total;
     return start;
 }
 
@@ -201,6 +212,24 @@ void add_ranks(nlohmann::json& json, const engine::Simulation& s, const parallel
     json["domain_recuts"] = s.recuts();
 }
 
+/// How much slept and how wrong it was.
+void add_sleep(nlohmann::json& json, const engine::Simulation& s, const engine::Scene& scene) {
+    const engine::SleepReport report = s.sleep_report();
+    json["asleep_fraction"] = report.asleep_fraction;
+    json["sleep_error"] = report.error;
+    if (scene.sleep_tolerance <= 0)
+        return;
+    json["asleep_fraction_at_end"] = report.asleep_fraction_now;
+    json["sleep_energy"] = report.energy_taken;
+    json["fell_asleep"] = report.fell_asleep;
+    json["woken"] = report.woken;
+    if (scene.sleep_audit)
+        json["sleep_audit"] = {{"particles", report.audited},
+                               {"mean_move", report.audit_mean_move},
+                               {"largest_move", report.audit_largest_move},
+                               {"wrong_fraction", report.audit_wrong_fraction}};
+}
+
 /// Whether an earlier run had finished its trajectory and was killed before it removed its checkpoint.
 bool finished_before(const std::string& output, std::int64_t checkpoint_step) {
     if (!std::filesystem::exists(output) || std::filesystem::exists(io::partial_path(output)))
@@ -263,6 +292,9 @@ int main(int argc, char** argv) {
             return names;
         }()));
 
+    bool sleep_audit = false;
+    tool.app().add_flag("--sleep-audit", sleep_audit, "the same as --sleep.audit");
+
     const int code = tool.run(argc, argv, [&] {
         cli::Common& common = tool.common();
         if (!first_rank) {
@@ -274,6 +306,7 @@ int main(int argc, char** argv) {
             force_simd_target(simd);
         ThreadTeam team(common.threads);
         engine::Scene scene = settings.scene();
+        scene.sleep_audit = scene.sleep_audit || sleep_audit;
         const std::string& input = common.inputs.front();
         const std::string saved = checkpoint_path(common.output, checkpoint);
         dem_run::StopRules rules;
@@ -296,7 +329,8 @@ int main(int argc, char** argv) {
             named(input, [&] { engine::prepare_triaxial(scene, start.grains); });
         };
         if (!usable.empty() || input_is_checkpoint) {
-            const io::CheckpointReader file(usable.empty() ? input : usable);
+            const auto opened = std::make_shared<const io::CheckpointReader>(usable.empty() ? input : usable);
+            const io::CheckpointReader& file = *opened;
             if (!input_is_checkpoint) {
                 start = from_model(input, team, world);
                 prepare();
@@ -304,10 +338,12 @@ int main(int argc, char** argv) {
                                         tool.effective_config().dump());
             }
             start = from_checkpoint(file, input_is_checkpoint ? nullptr : &start, world);
+            start.checkpoint = opened;
         } else {
             start = from_model(input, team, world);
         }
         prepare();
+        dem_run::place_structures(scene, settings.mesh_files(), start.grains.origin);
         if (resumes && usable.empty() && std::filesystem::exists(saved))
             tool.warn(saved +
                       ": the checkpoint is damaged and there is no earlier one; starting from the beginning");
@@ -317,8 +353,11 @@ int main(int argc, char** argv) {
             throw Error(ExitCode::configuration_invalid,
                         "stages: the checkpoint's stage is not in this scene; "
                         "resume with the scene it was made with");
-        const auto simulation_ptr = named(
-            input, [&] { return std::make_unique<engine::Simulation>(scene, start.grains, team, world); });
+        const dem_run::TriggerLabels labels = dem_run::prepare_triggers(scene, settings, start.grains, world);
+        const auto simulation_ptr = named(input, [&] {
+            const dem_run::Labelled labelled(start.grains, labels);
+            return std::make_unique<engine::Simulation>(scene, start.grains, team, world);
+        });
         engine::Simulation& simulation = *simulation_ptr;
         tool.note(simulation.time_step().reason);
         if (common.dry_run) {
@@ -344,7 +383,7 @@ int main(int argc, char** argv) {
         statics.radius = start.grains.radius;
         statics.mass = start.grains.mass;
         statics.species = start.grains.species;
-        statics.release = start.grains.release;
+        statics.release = dem_run::released_mass(start.grains, labels);
         statics.material = start.grains.material;
         const Vec3 shift = settings.float64 ? Vec3{} : dem_run::output_shift(start.grains, world);
         statics.origin = start.grains.origin + shift;
@@ -375,17 +414,26 @@ int main(int argc, char** argv) {
         cli::Progress progress("dem-run", common.progress, common.quiet);
         engine::RunPosition position = start.position;
         std::function<void()> tell_breaks;
+        const dem_run::Recorder* recorder_ptr = nullptr;
         const auto save = [&] {
             simulation.evaluate();
             tell_breaks(); // all up to the checkpoint are in the trajectory
             io::CheckpointFile file = dem_run::pack(start.grains, simulation, position, world);
+            recorder_ptr->save(file);
             io::put(file, trajectory.image());
             file.config = config;
             file.provenance = provenance;
             io::write_checkpoint(saved, file, ranks);
         };
-        dem_run::Recorder recorder(trajectory, scene, position, settings.fields, shift, rules, progress,
-                                   first_rank, save);
+        dem_run::Recorder recorder(trajectory, scene, position, settings.fields, shift, rules,
+                                   dem_run::output_rules(settings, scene, start.grains, world), progress,
+                                   world, save);
+        recorder_ptr = &recorder;
+        if (start.state)
+            recorder.restore(*start.checkpoint, goes_on, start.first, start.grains.size());
+        start.checkpoint.reset();
+        if (settings.surface_labels)
+            dem_run::write_surface_labels(trajectory, start.grains, world);
         tell_breaks = [&] {
             const auto breaks = simulation.take_breaks();
             if (simulation.any_rank(!breaks.empty()))
@@ -405,6 +453,9 @@ int main(int argc, char** argv) {
                 fmt::format("stopped by {} at t = {:.6g} s; checkpoint in {}: run again with --resume auto",
                             recorder.stop_reason(), simulation.time(), saved));
         }
+        const std::vector<io::WallMap> walls = dem_run::wall_maps(simulation, scene, shift);
+        trajectory.walls(walls);
+        recorder.finish(simulation);
         trajectory.finish();
         if (first_rank)
             remove_checkpoints(saved);
@@ -419,9 +470,11 @@ int main(int argc, char** argv) {
             wall > 0 ? steps * static_cast<double>(simulation.size()) / wall : 0;
         json["list_rebuilds"] = simulation.list_rebuilds();
         json["list_refreshes"] = simulation.list_refreshes();
-        json["asleep_fraction"] = 0;
-        json["sleep_error"] = 0;
+        add_sleep(json, simulation, scene);
         json["energy_error"] = simulation.energy_error();
+        json["walls"] = dem_run::walls_result(walls);
+        if (scene.shaking)
+            json["shaking"] = dem_run::shaking_result(scene.shaking->record);
         json["bonds"] = simulation.bonds();
         json["bonds_broken"] = recorder.bonds_broken();
         json["bonds_released"] = recorder.bonds_released();

@@ -25,6 +25,7 @@ public:
     const std::vector<Row>& rows() const { return rows_; }
     std::size_t header_line() const { return header_line_; } ///< the last one where there is no header
     bool empty() const { return columns_.empty(); }
+    const std::vector<std::string_view>& columns() const { return columns_; } ///< their names
 
     /// Place of a column in every row; empty where there is none.
     /// @throws Error(input_invalid) where it is there twice

@@ -55,8 +55,7 @@ void Simulation::collect_tallies(bool first) {
         power->reset();
     if (viscous_damping_ <= 0)
         integrals_[viscous_power].last.reset();
-    integrals_[supplied_power].last.reset();
-    if (walls_.moving())
+    if (walls_.moving()) // what shaking supplies is there already
         walls_.add_power(integrals_[supplied_power].last);
     if (membrane_.any())
         membrane_.add_powers(integrals_[damping_power].last, integrals_[supplied_power].last);
@@ -115,6 +114,10 @@ Energies Simulation::energies() const {
                                            pairs_.state[k] & contact::bond_intact));
     }
     walls_.add_elastic_energy(p, elastic);
+    if (sleep_) {
+        potential.add(sleep_->potential);
+        elastic.add(sleep_->elastic);
+    }
     if (membrane_.any())
         membrane_.add_elastic_energy(p, elastic);
 
@@ -135,6 +138,7 @@ Energies Simulation::energies() const {
     e.damping = integral(damping_power) + integral(viscous_power);
     e.fracture = sums[3].value();
     e.supplied = integral(supplied_power);
+    e.asleep = sleep_ ? sleep_->taken.value() : 0;
     largest_energy_ = std::max(largest_energy_, e.kinetic + e.elastic + std::abs(e.potential) +
                                                     std::abs(e.tangential) + std::abs(e.damping));
     return e;
@@ -166,9 +170,10 @@ RestState Simulation::rest_state() const {
             ++touching_walls;
         }
     std::array<ExactSum, 4> sums{net_force, wall_force, speed2, contact_force_};
+    if (sleep_)
+        sums[3].add(sleep_->contact_force);
     world_.sum(sums);
-    const std::size_t pair_contacts = world_.sum(contacts_),
-                      contacts = pair_contacts + world_.sum(touching_walls);
+    const std::size_t pair_contacts = contacts(), contacts = pair_contacts + world_.sum(touching_walls);
     rest.max_speed = std::sqrt(world_.max(rest.max_speed));
     if (mobile_ == 0)
         return rest;
@@ -200,7 +205,7 @@ bool Simulation::at_rest(const RestState& rest) const {
 }
 
 std::size_t Simulation::bonds() const {
-    return world_.sum(evaluated().count_bonds());
+    return world_.sum(evaluated().count_bonds() + (sleep_ ? sleep_->bonds : 0));
 }
 
 std::size_t Simulation::count_bonds() const {
@@ -210,13 +215,16 @@ std::size_t Simulation::count_bonds() const {
     return count;
 }
 
-std::size_t Simulation::release(bool whole_mass) {
+std::size_t Simulation::release(bool whole_mass, std::uint8_t marks) {
+    if (sleep_)
+        wake_for_release(marks);
     evaluate(); // what breaks here acts from the next step on
     const ParticleColumns& p = particles_;
     std::vector<BondBreak> released;
     for (std::size_t k = 0; k < list_.size(); ++k) {
         const search::Candidate c = list_.candidates()[k];
-        const bool first = p.release[p.owner(c.i)] != 0, second = p.release[p.owner(c.j)] != 0;
+        const bool first = (p.release[p.owner(c.i)] & marks) != 0,
+                   second = (p.release[p.owner(c.j)] & marks) != 0;
         if (!(pairs_.state[k] & contact::bond_intact) || !(first != second || (whole_mass && first)))
             continue;
         const Record &xi = p.bodies[c.i].position, &xj = p.bodies[c.j].position;
@@ -250,18 +258,6 @@ std::vector<BondBreak> Simulation::take_breaks() {
     return all;
 }
 
-std::vector<Simulation::WallLoad> Simulation::wall_loads() const {
-    std::vector<ExactSum> sums = evaluated().walls_.totals(particles_, images_.box(), record_scale());
-    world_.sum(sums);
-    std::vector<WallLoad> loads(walls_.count());
-    for (std::size_t w = 0; w < loads.size(); ++w)
-        for (int k = 0; k < 3; ++k) {
-            loads[w].force[k] = sums[6 * w + static_cast<std::size_t>(k)].value();
-            loads[w].torque[k] = sums[6 * w + 3 + static_cast<std::size_t>(k)].value();
-        }
-    return loads;
-}
-
 std::size_t Simulation::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
     const ParticleColumns& p = particles_;
@@ -269,7 +265,7 @@ std::size_t Simulation::memory() const {
                       bytes(p.species) + bytes(p.release) + bytes(p.image) + bytes(p.ghost_owner) +
                       bytes(p.ghost_shift) + pairs_.memory() + bytes(listed_) + bytes(share_) +
                       bytes(outer_share_) + motion_.memory() + bytes(refreshed_) + list_.memory() +
-                      halo_.memory() + membrane_.memory());
+                      halo_.memory() + membrane_.memory() + sleep_memory());
 }
 
 } // namespace talus::engine

@@ -30,6 +30,10 @@ constexpr double outer_share_steps = 150;
 /// Steps that a particle's share of the close skin lasts at its present speed.
 constexpr double share_steps = 50;
 
+/// A particle is a stray where the widest share would last it less than so many steps, and its share is as
+/// wide as this many largest radii then; of all that move no more than this part are.
+constexpr double stray_steps = 50, stray_share = 15, most_strays = 0.02;
+
 /// The local motion counts where it takes more than this part of the close skin meanwhile.
 constexpr double slow = 0.2;
 
@@ -85,19 +89,75 @@ double Simulation::largest_outer_share() const {
     return most;
 }
 
+/// Of strays (m).
+double Simulation::largest_stray_share() const {
+    double most = stray_share * largest_radius_;
+    for (int k = 0; k < 3; ++k)
+        if (images_.box().periodic[static_cast<std::size_t>(k)])
+            most = std::min(
+                most, 0.5 * (images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ - bond_reach_));
+    return most;
+}
+
+/// Whether a particle is quick enough to be a stray.
+bool Simulation::may_stray(const Body& body) const {
+    return stray_steps * time_step_.step * norm(body.velocity.vec()) > largest_outer_share();
+}
+
+/// A few particles that fly or roll much faster than all around them would wear out the lists of all in some
+/// steps. They get shares many times wider, are not found by others but look for them (CandidateList), and
+/// their motion counts from where they were.
+void Simulation::find_strays() {
+    stray_.clear();
+    const ParticleColumns& p = particles_;
+    const double most = largest_outer_share();
+    if (!world_.alone() || straining_ || membrane_.any() || largest_stray_share() < 3 * most)
+        return;
+    std::vector<std::pair<float, std::uint32_t>> quick;
+    std::size_t moving = 0;
+    for (std::uint32_t row = 0; row < active_; ++row) {
+        if (p.species[row] == Species::fixed)
+            continue;
+        ++moving;
+        if (!may_stray(p.bodies[row]))
+            continue;
+        const search::LocalMotion::Cell cell = motion_.of(row);
+        const double against = norm(p.bodies[row].velocity.vec() - cell.velocity()) + cell.shear;
+        if (stray_steps * time_step_.step * against > most)
+            quick.emplace_back(static_cast<float>(against), row);
+    }
+    const auto limit = static_cast<std::size_t>(most_strays * static_cast<double>(moving)) + 16;
+    if (quick.empty() || quick.size() > 20 * limit) // so many are a flow
+        return;
+    if (quick.size() > limit) {
+        std::nth_element(quick.begin(), quick.begin() + static_cast<std::ptrdiff_t>(limit), quick.end(),
+                         std::greater<>());
+        quick.resize(limit);
+    }
+    stray_.assign(p.owned, 0);
+    std::vector<std::uint32_t> rows;
+    for (const auto& [speed, row] : quick) {
+        stray_[row] = 1;
+        rows.push_back(row);
+    }
+    motion_.set_strays(rows, fastest_cell_);
+}
+
 /// Each particle has its share of the lists' skins: what it may move against the local motion until the list
 /// is made anew, more where it is fast. So a few fast particles do not make the lists of all the others long
 /// or short-lived.
 void Simulation::set_outer_shares() {
     const ParticleColumns& p = particles_;
-    const double most = largest_outer_share(), dt = outer_share_steps * time_step_.step;
+    const double usual = largest_outer_share(), of_strays = largest_stray_share(),
+                 dt = outer_share_steps * time_step_.step;
     outer_share_.resize(p.known());
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
             const search::LocalMotion::Cell cell = motion_.of(row);
             const bool fixed = p.species[row] == Species::fixed;
             const Vec3 velocity = fixed ? Vec3{} : p.bodies[row].velocity.vec();
-            const double speed = norm(velocity - cell.velocity()) + cell.shear;
+            const double speed = norm(velocity - cell.velocity()) + cell.shear,
+                         most = !stray_.empty() && stray_[row] ? of_strays : usual;
             outer_share_[row] =
                 fixed && speed == 0 ? 0.0f : static_cast<float>(std::min(most, 0.5 * skin_ + dt * speed));
         }
@@ -163,7 +223,11 @@ Simulation::Displacement Simulation::largest_displacement() {
             const double since_close = norm(against - Vec3{before[0], before[1], before[2]});
             largest.used = std::max(
                 largest.used, (stretched * since_close + since_refresh * cell.shear + strain) / share_[row]);
-            largest.walls = std::max(largest.walls, walls_.approach(moved));
+            const double margin =
+                stray_.empty() ? wall_skin_ : std::max(wall_skin_, double{wall_margin_[row]});
+            largest.walls =
+                std::max(largest.walls, walls_.approach(moved, particles_.bodies[row].position, margin) *
+                                            (wall_skin_ / margin));
         }
     });
     Displacement largest;
@@ -181,9 +245,15 @@ Simulation::Displacement Simulation::largest_displacement() {
 /// which costs nothing; where that runs out, by how far they really went.
 void Simulation::keep_lists_valid() {
     unsigned bits = 0;
-    if (static_cast<double>(step_ - last_rebuild_) * time_step_.step > motion_holds_for_) {
+    if (static_cast<double>(step_ - last_rebuild_) * time_step_.step > motion_holds_for_ ||
+        (sleep_ && sleep_->wanted)) {
         bits = outer_list_is_worn;
     } else if (used_ > 1 || wall_used_ > wall_skin_) {
+        // Nobody who is not listed with a wall has come nearer to it than his cell and his share allow.
+        const double since = static_cast<double>(step_ - last_rebuild_) * time_step_.step;
+        wall_used_ = std::min(wall_used_, since * fastest_cell_ + 0.5 * wall_skin_ + wall_travel_);
+    }
+    if (bits == 0 && (used_ > 1 || wall_used_ > wall_skin_)) {
         const Displacement moved = largest_displacement();
         wall_used_ = moved.walls + wall_travel_;
         if (moved.outer > 1 || (walls_.any() && wall_used_ > worn_out * wall_skin_))
@@ -266,6 +336,9 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
     const Census before = count_all();
     const std::size_t old_owned = p.owned;
     std::vector<std::array<std::int8_t, 3>> wrapped;
+    const bool regroups = sleep_ && sleep_->wanted;
+    if (regroups)
+        settle_balances(1);
     images_.wrap(p, wrapped);
     std::vector<std::uint32_t> order; // the row that each had before
     if (world_.alone() || carried.restored) {
@@ -274,6 +347,8 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
     } else {
         order = change_ranks(wrapped, carried);
     }
+    if (sleep_ && !first && !carried.restored)
+        order = regroup(wrapped, carried);
     if (rebuilds_ % rebuilds_per_reorder == 0) {
         const std::vector<std::uint32_t> sorted = search::space_filling_order(p, 2.5 * mean_radius_, team_);
         search::reorder(p, sorted, team_);
@@ -284,17 +359,39 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
             order[row] = order_before[sorted[row]];
         }
     }
+    for (active_ = p.owned; active_ > 0 && p.species[active_ - 1] == Species::fixed;)
+        --active_;
+    if (sleep_) {
+        sleep_->asleep_row.resize(p.owned);
+        for (std::uint32_t row = 0; row < p.owned; ++row) {
+            sleep_->asleep_row[row] = is_asleep(row);
+            sleep_->row_of[p.id[row]] = row;
+        }
+    }
     const double touch = 2 * largest_radius_ * reach_factor_ + bond_reach_;
     if (!world_.alone())
         halo_.make(p, images_.box(), touch + 2 * largest_outer_share());
     const bool moves =
         motion_.build(p, images_.box(), touch + 2 * largest_outer_share(), 2 * largest_outer_share(),
                       slow * close_skin_ / (share_steps * time_step_.step), team_);
-    if (world_.any(moves && !straining_)) // a cell's velocity would not stay what it is
+    fastest_cell_ = 0;
+    double unseen = std::numeric_limits<double>::infinity(); // s, until sleepers in the store may be reached
+    if (world_.any(moves && !straining_)) {                  // a cell's velocity would not stay what it is
+        if (world_.alone()) {
+            const std::array<Vec3, 2> range = motion_.velocity_range();
+            Vec3 most;
+            for (int k = 0; k < 3; ++k)
+                most[k] = std::max({std::abs(range[0][k]), std::abs(range[1][k])});
+            fastest_cell_ = norm(most);
+        }
+        if (sleep_)
+            unseen = sleepers_unseen_for(touch + 2 * largest_outer_share());
         share_motion();
-    else
+    } else {
         motion_.set_still();
-    motion_holds_for_ = world_.min(motion_.holds_for());
+    }
+    motion_holds_for_ = world_.min(std::min(motion_.holds_for(), unseen));
+    find_strays();
     set_outer_shares();
     if (kernel_.traits.mixed) {
         p.half_motion.resize(p.known());
@@ -302,8 +399,13 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
             p.set_half_motion(row);
     }
     const auto own_end = outer_share_.begin() + static_cast<std::ptrdiff_t>(p.owned);
-    wall_skin_ = p.owned == 0 ? 0 : 2.0 * *std::max_element(outer_share_.begin(), own_end);
-    images_.make_ghosts(p, touch + wall_skin_);
+    const double widest_share = p.owned == 0 ? 0 : *std::max_element(outer_share_.begin(), own_end);
+    wall_skin_ = 2 * std::min(widest_share, largest_outer_share());
+    wall_margin_.assign(stray_.size(), 0);
+    for (std::size_t row = 0; row < stray_.size(); ++row)
+        if (stray_[row])
+            wall_margin_[row] = 2 * outer_share_[row];
+    images_.make_ghosts(p, touch + 2 * widest_share);
     if (first)
         order.clear();
     set_shares();
@@ -320,8 +422,8 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
         }
     }
     const search::CandidateList::Missed missed =
-        list_.rebuild(p, reach_factor_, bond_reach_, outer_share_, close_factor, share_, order, old_owned,
-                      wrapped, live(), keys, team_);
+        list_.rebuild(p, reach_factor_, bond_reach_, outer_share_, close_factor, share_, stray_, order,
+                      old_owned, wrapped, live(), keys, team_);
     if (all_bonds)
         set_shares();
     if (missed.bound > 0)
@@ -348,11 +450,16 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
     strain_since_rebuild_ = {1, 1, 1};
     if (membrane_.any())
         membrane_.set_rows(p);
-    walls_.rebuild(p, wall_skin_, order, membrane_);
+    walls_.rebuild(p, wall_skin_, wall_margin_, order, membrane_);
     give_walls(carried.walls);
+    wall_record_.merge(world_);
     wall_travel_ = wall_used_ = 0;
     ++rebuilds_;
     take_close_list();
+    if (regroups) {
+        settle_balances(-1);
+        sleep_->wanted = false;
+    }
     if (!world_.alone() && !first && !carried.restored) {
         Census dropped;
         for (const auto& [i, j] : missed.parted)
@@ -410,6 +517,8 @@ void Simulation::take_close_list() {
     }
     if (!world_.alone())
         halo_.want(particles_, close_copies);
+    if (sleep_)
+        find_border();
     strain_since_refresh_ = {1, 1, 1};
     refreshed_.resize(particles_.owned);
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int) {

@@ -49,8 +49,9 @@ void mixed_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tally
     const T load_limit = hn::Set(r, static_cast<float>(contact::largest_damping_load<F>));
     LaneSum dissipation(tally.dissipation), intake(tally.intake);
     const auto narrow = [&](const LaneConstants<V>& c) HWY_ATTR {
-        return LaneConstants<T>{single(c.normal_stiffness), single(c.tangential_stiffness), single(c.damping),
-                                single(c.tangential_damping), single(c.friction)};
+        return LaneConstants<T>{single(c.normal_stiffness), single(c.tangential_stiffness),
+                                single(c.damping),          single(c.tangential_damping),
+                                single(c.friction),         single(c.bond_stress)};
     };
     LaneConstants<T> constants = narrow(same_constants(common));
     const PairKernel one_by_one =

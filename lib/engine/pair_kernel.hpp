@@ -32,6 +32,7 @@ struct Tally {
     ExactSum contact_force; ///< N, sum of the magnitudes, where somebody asked
     /// N m, then: symmetric part of the force on j times the branch vector from i to j; xx yy zz yz zx xy.
     std::array<ExactSum, 6> virial = {};
+    std::vector<ExactSum> monitored = {}; ///< then: force (N) and torque (N m) on each monitor
 };
 
 /// What a scene has, and with it which instantiation of the pair kernel runs.

@@ -143,7 +143,7 @@ std::vector<std::uint32_t> Simulation::change_ranks(std::vector<std::array<std::
     for (const WallContacts::Entry& e : walls_.entries())
         if (destination[e.row] != here && (e.history.state != 0 || e.history.offset != 0))
             walls_to[static_cast<std::size_t>(destination[e.row])].push_back(
-                {p.id[e.row], e.wall, e.history});
+                {p.id[e.row], walls_.key(e), e.history});
     carried.walls = world_.exchange(walls_to);
 
     const std::vector<std::uint32_t> order = parallel::migrate(particles_, destination, world_);
@@ -167,7 +167,7 @@ void Simulation::give_walls(const std::vector<CarriedWall>& carried) {
             throw Error(ExitCode::run_failed,
                         fmt::format("the contact of particle {} with wall {} was lost at step {}: take a "
                                     "smaller time.step",
-                                    c.id, c.wall, step_));
+                                    c.id, c.wall & WallContacts::none, step_));
         entry->history = c.history;
     }
 }

@@ -39,6 +39,17 @@ void tell_breaks(Simulation& simulation, Observer& observer) {
         observer.bonds_broken(breaks, simulation);
 }
 
+void note_positions(const Simulation& simulation, const Scene& scene, Observer& observer,
+                    std::int64_t stage_step, bool all) {
+    const double dt = simulation.time_step().step;
+    unsigned kinds = 0;
+    for (std::size_t k = 0; k < scene.travel_intervals.size(); ++k)
+        if (all || due(stage_step, scene.travel_intervals[k], dt))
+            kinds |= 1u << k;
+    if (kinds != 0)
+        observer.positions(simulation, kinds);
+}
+
 } // namespace
 
 RunEnd run(Simulation& simulation, const Scene& scene, Observer& observer, RunPosition& position) {
@@ -48,34 +59,38 @@ RunEnd run(Simulation& simulation, const Scene& scene, Observer& observer, RunPo
         if (position.stage_start < 0) {
             position.stage_start = simulation.steps();
             simulation.set_viscous_damping(stage.viscous_damping.value_or(scene.viscous_damping));
+            simulation.begin_stage(stage.name);
             if (stage.kind != Stage::Kind::plain)
                 simulation.begin_triaxial(stage.kind);
-            const std::size_t released = stage.release ? simulation.release(stage.release_mass) : 0;
+            const std::size_t released =
+                stage.release ? simulation.release(stage.release_mass, stage.release_marks) : 0;
             observer.stage(stage, simulation, released);
             tell_breaks(simulation, observer);
             observer.series(simulation);
             observer.frame(simulation);
+            note_positions(simulation, scene, observer, 0, true);
         }
-        bool frame_written = true;
-        while (!ended(simulation, stage, simulation.steps() - position.stage_start)) {
+        bool over = ended(simulation, stage, simulation.steps() - position.stage_start);
+        while (!over) {
             simulation.step();
             const std::int64_t stage_step = simulation.steps() - position.stage_start;
-            const bool frame = due(stage_step, scene.frame_interval, dt);
+            over = ended(simulation, stage, stage_step);
+            const bool frame_due = due(stage_step, scene.frame_interval, dt), frame = frame_due || over;
             const bool series =
-                due(stage_step, scene.series_interval, dt) || (frame && scene.series_interval <= 0);
-            if (series || frame)
+                due(stage_step, scene.series_interval, dt) || (frame_due && scene.series_interval <= 0);
+            if (series || frame) {
+                simulation.evaluate(); // what breaks at this very time is told, too
                 tell_breaks(simulation, observer);
+            }
             if (series)
                 observer.series(simulation);
+            note_positions(simulation, scene, observer, stage_step, over);
+            if (over && position.stage + 1 == scene.stages.size())
+                observer.ending();
             if (frame)
                 observer.frame(simulation);
-            frame_written = frame;
             if (observer.stop(simulation))
                 return RunEnd::stopped;
-        }
-        if (!frame_written) {
-            tell_breaks(simulation, observer);
-            observer.frame(simulation);
         }
     }
     return RunEnd::done;

@@ -13,6 +13,11 @@ public:
     /// A stage starts; its first frame follows at once.
     virtual void stage(const Stage& stage, const Simulation& simulation, std::size_t bonds_released) = 0;
     virtual void frame(const Simulation& simulation) = 0;
+    /// The next frame is the run's last.
+    virtual void ending() {}
+    /// It is time to note positions: `kinds` has the bit k for the scene's k-th travel interval; all are due
+    /// at a stage's start and end.
+    virtual void positions(const Simulation&, unsigned) {}
     virtual void series(const Simulation& simulation) = 0;
     /// Those since the last call; before each frame and each row of the series.
     virtual void bonds_broken(std::span<const BondBreak> breaks, const Simulation& simulation) = 0;

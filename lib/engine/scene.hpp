@@ -1,21 +1,44 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include "base/triangle.hpp"
 #include "contact/constants.hpp"
+#include "engine/triggers.hpp"
 #include "particles/box.hpp"
 #include "particles/material.hpp"
 
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 namespace talus::engine {
 
-/// A plane that grains cannot pass; its normal points to the side where they are. Friction and restitution of
-/// its material describe the interface of grain and wall.
-struct PlaneWall {
+/// Square cells of a plane wall, of which the pressure is recorded: a square of 2 `half_width` (m) around the
+/// wall's point, along the first of the directions x and y that is not the wall's normal.
+struct PatchGrid {
+    double cell = 0, half_width = 0; ///< m
+};
+
+/// A wall that grains cannot pass: a plane, whose normal points to the side where they are, or a surface of
+/// triangles, touched from either side (MeshWall says how). Friction and restitution of its material describe
+/// the interface of grain and wall.
+struct Wall {
     std::string name;
     Vec3 point, normal{0, 0, 1}, velocity;
     Material material;
+    std::shared_ptr<const TriangleMesh> mesh = {}; ///< instead of the plane
+    std::optional<PatchGrid> patches = {};         ///< of a plane; a mesh has its triangles
+};
+
+/// A structure made of fixed grains: those in a box of the model's coordinates. Its load goes into the
+/// series.
+struct Monitor {
+    std::string name;
+    Vec3 lower, upper; ///< m
+    bool holds(const Vec3& x) const {
+        return x.x >= lower.x && x.y >= lower.y && x.z >= lower.z && x.x <= upper.x && x.y <= upper.y &&
+               x.z <= upper.z;
+    }
 };
 
 /// A triaxial test of the specimen that the model's grains are (physics.md, section on the triaxial test):
@@ -52,6 +75,7 @@ struct Stage {
     double end = 0;                        ///< s, without; of a consolidation as expected
     bool release = false;                  ///< at its start breaks every bond across the rupture surface
     bool release_mass = false;             ///< at its start breaks also the bonds within the released mass
+    std::uint8_t release_marks = 0xff;     ///< the mass is of the grains that have any of these bits
     std::optional<double> viscous_damping; ///< 1/s, instead of the scene's
 };
 
@@ -67,8 +91,11 @@ struct Scene {
     contact::DampingRule damping_rule = contact::DampingRule::paper;
     contact::LeverArm lever_arm = contact::LeverArm::contact_point;
     std::optional<Box> box;
-    std::vector<PlaneWall> walls;
+    std::vector<Wall> walls;
+    std::vector<Monitor> monitors;
     std::optional<Triaxial> triaxial;
+    std::optional<Shaking> shaking;
+    std::vector<StrengthReduction> strength_reductions;
 
     std::optional<double> step; ///< s; empty: step_fraction of the Rayleigh time
     double step_fraction = 0.2;
@@ -80,9 +107,13 @@ struct Scene {
     bool mixed_precision = false;
     bool reference_kernel = false; ///< run the scalar reference instead of the specialised kernel
 
+    double sleep_tolerance = 0; ///< 0: nothing sleeps; see sleepers.cpp
+    bool sleep_audit = false;   ///< now and then wakes a hundredth of the sleepers to see how wrong they were
+
     std::vector<Stage> stages;
-    double frame_interval = 0;  ///< s; 0: first and last frame only
-    double series_interval = 0; ///< s; 0: with every frame
+    double frame_interval = 0;            ///< s; 0: first and last frame only
+    double series_interval = 0;           ///< s; 0: with every frame
+    std::vector<double> travel_intervals; ///< s, at which Observer::positions is called
 };
 
 } // namespace talus::engine

@@ -20,7 +20,7 @@ bool needs_tangential(const Scene& scene) {
     bool needs = scene.material.friction > 0 || scene.bond.has_value();
     for (const Material& other : scene.more_materials)
         needs = needs || other.friction > 0;
-    for (const PlaneWall& wall : scene.walls)
+    for (const Wall& wall : scene.walls)
         needs = needs || wall.material.friction > 0;
     return needs;
 }
@@ -52,8 +52,9 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
     : scene_(scene), team_(team), world_(world),
       kernel_(choose_kernel(traits_of(scene, grains, world), scene.reference_kernel)),
       images_(scene.box ? *scene.box : grains.box.value_or(Box{})), domains_(world_), halo_(world_),
-      walls_(scene, kernel_.traits.tangential), viscous_damping_(scene.viscous_damping) {
+      walls_(scene, images_.box(), kernel_.traits.tangential), viscous_damping_(scene.viscous_damping) {
     make_constants();
+    set_onsets();
     load(grains);
 
     if (scene.triaxial)
@@ -81,12 +82,15 @@ Simulation::Simulation(const Scene& scene, const Grains& grains, ThreadTeam& tea
     for (Integral& integral : integrals_)
         integral = {ExactSum(power), ExactSum(power), ExactSum(power)};
     fractured_ = ExactSum(scale);
+    wall_record_ = WallRecord(walls_, record_scale());
+    check_monitors();
     tallies_.assign(static_cast<std::size_t>(team.size()),
                     {ExactSum(power), ExactSum(power), ExactSum(scale), 0, {}, ExactSum(record_scale())});
     for (Tally& tally : tallies_)
         tally.virial.fill(ExactSum(scale));
     advanced_.resize(static_cast<std::size_t>(team.size()));
 
+    prepare_sleep();
     cut_domains();
     rebuild(true);
     set_initial_contacts();

@@ -27,6 +27,8 @@ double seconds_of_thread() {
 
 void Simulation::step() {
     advance_time(nullptr);
+    if (sleep_)
+        look_for_sleep();
     keep_lists_valid();
 }
 
@@ -59,7 +61,7 @@ AdvanceWork Simulation::advance_work(const NetColumns* given, NetColumns* into) 
             .membrane = membrane_,
             .given = given,
             .into = into,
-            .gravity = scene_.gravity,
+            .gravity = body_acceleration(),
             .step = time_step_.step,
             .viscous_damping = viscous_damping_,
             .rounding = images_.rounding(),
@@ -72,7 +74,7 @@ AdvanceWork Simulation::advance_work(const NetColumns* given, NetColumns* into) 
 /// Takes each particle from t to t + dt, where what acts on it is known.
 void Simulation::move() {
     const AdvanceWork work = advance_work(&net_, nullptr);
-    team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int thread) {
+    team_.for_range(active_, [&](std::size_t begin, std::size_t end, int thread) {
         advance(work, begin, end, advanced_[static_cast<std::size_t>(thread)]);
     });
     move_late(work);
@@ -80,7 +82,7 @@ void Simulation::move() {
 }
 
 void Simulation::move_late(const AdvanceWork& work) {
-    team_.for_parts(late_.size(), particles_.owned, [&](std::size_t begin, std::size_t end, bool, int) {
+    team_.for_parts(late_.size(), active_, [&](std::size_t begin, std::size_t end, bool, int) {
         for (std::size_t k = begin; k < end; ++k)
             advance_late(work, late_[k], advanced_[k]);
     });
@@ -97,13 +99,22 @@ void Simulation::for_blocks(double history_step, const AdvanceWork& work, bool a
         tally.contact_force.reset();
         for (ExactSum& sum : tally.virial)
             sum.reset();
+        for (ExactSum& sum : tally.monitored)
+            sum.reset();
         tally.contacts = 0;
     }
+    if (!weakened_.empty())
+        weaken();
     walls_.compute(particles_, history_step, team_, tallies_);
+    if (walls_.any())
+        record_walls(history_step == 0);
     if (membrane_.any())
         press_membrane();
     if (viscous_damping_ > 0)
         add_viscous_power();
+    integrals_[supplied_power].last.reset();
+    if (scene_.shaking)
+        add_shaking_power(integrals_[supplied_power].last);
     for_sweep_parts(
         [&](std::size_t begin, std::size_t end, std::size_t row, std::size_t last_row, int thread) {
             const auto t = static_cast<std::size_t>(thread);
@@ -143,6 +154,8 @@ void Simulation::add_contact(const search::Candidate& pair, const Vec3& force, T
     tally.virial[3].add(0.5 * (f.y * branch.z + f.z * branch.y));
     tally.virial[4].add(0.5 * (f.z * branch.x + f.x * branch.z));
     tally.virial[5].add(0.5 * (f.x * branch.y + f.y * branch.x));
+    if (!scene_.monitors.empty())
+        add_to_monitors(pair, force, tally);
 }
 
 void Simulation::compute_forces(double history_step) {
@@ -244,7 +257,9 @@ void Simulation::check_passing() const {
                         p.id[i], dt * norm(p.bodies[i].velocity.vec()) / smallest_radius_, step_ + 1, time(),
                         norm(p.bodies[i].velocity.vec()), how));
     };
-    if (fast.size() > 200'000'000 / p.owned + 1)
+    const auto searching = static_cast<std::size_t>(std::count_if(
+        fast.begin(), fast.end(), [&](std::uint32_t row) { return stray_.empty() || !stray_[row]; }));
+    if (searching > 200'000'000 / p.owned + 1)
         stop(fast.front(), fmt::format("as {} others do, and may pass particles unseen", fast.size() - 1));
     for (const std::uint32_t i : fast) {
         const Vec3 x = p.bodies[i].position.vec(), move = dt * p.bodies[i].velocity.vec();
@@ -254,7 +269,12 @@ void Simulation::check_passing() const {
             stop(i, "further than its rank sees the particles of other ranks");
         if (walls_.reached(x, p.bodies[i].position.w, move, allowed))
             stop(i, "into a wall");
-        for (std::uint32_t j = 0; j < p.known(); ++j) {
+        // A stray's partners are known; others are looked for among all.
+        const bool listed = !stray_.empty() && stray_[i] && norm(move) < 0.4 * outer_share_[i];
+        const std::span<const std::uint32_t> partners =
+            listed ? list_.outer_partners(i) : std::span<const std::uint32_t>();
+        for (std::size_t n = 0; n < (listed ? partners.size() : p.known()); ++n) {
+            const std::uint32_t j = listed ? p.owner(partners[n]) : static_cast<std::uint32_t>(n);
             const Vec3 way =
                 dt * (p.bodies[j].velocity.vec() - p.bodies[i].velocity.vec()); // of j seen from i
             const double length2 = norm2(way);

@@ -5,9 +5,11 @@
 #include "engine/advance.hpp"
 #include "engine/pair_kernel.hpp"
 #include "engine/scene.hpp"
+#include "engine/sleep.hpp"
 #include "engine/time_step.hpp"
 #include "engine/triaxial.hpp"
 #include "engine/wall_contacts.hpp"
+#include "engine/wall_record.hpp"
 #include "parallel/communicator.hpp"
 #include "parallel/domains.hpp"
 #include "parallel/halo.hpp"
@@ -16,6 +18,7 @@
 #include "search/candidate_list.hpp"
 #include "search/local_motion.hpp"
 
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -32,9 +35,10 @@ struct Energies {
     double tangential = 0; ///< taken in by tangential springs, dashpots and sliders
     double damping = 0;    ///< normal dashpots and viscous damping
     double fracture = 0;   ///< stored in bonds as they broke
-    double supplied = 0;   ///< work of moving walls, and of the pressure on a membrane
+    double asleep = 0;     ///< kinetic, taken from particles that fell asleep
+    double supplied = 0;   ///< work of moving walls, of the pressure on a membrane, and of shaking
     double total() const {
-        return kinetic + potential + elastic + tangential + damping + fracture - supplied;
+        return kinetic + potential + elastic + tangential + damping + fracture + asleep - supplied;
     }
 };
 
@@ -66,12 +70,21 @@ struct SavedState {
     std::vector<Vec3> contact_displacement;
     std::vector<double> contact_offset;
     std::vector<std::uint8_t> contact_state;
-    std::vector<std::array<std::uint64_t, 2>> wall_pair; ///< id, wall number
+    std::vector<std::array<std::uint64_t, 2>> wall_pair; ///< id, WallContacts::key
     std::vector<Vec3> wall_displacement;
     std::vector<double> wall_offset;
     std::vector<std::uint8_t> wall_state;
+    std::vector<std::int64_t> wall_sums; ///< of WallRecord
+    std::vector<double> wall_peaks;
     std::vector<std::int64_t> ledger; ///< the exact sums' bits
     std::vector<double> scalars;      ///< reference energy, largest energy, ...
+    // Of a scene that sleeps, one rank.
+    std::vector<std::uint8_t> asleep;                       ///< by id
+    std::vector<float> sleep_reference;                     ///< by id
+    std::vector<std::array<std::int64_t, 3>> sleep_balance; ///< by id
+    std::vector<std::uint8_t> sleep_quiet;                  ///< by cell
+    std::vector<double> sleep_scalars;
+    std::vector<std::array<double, 4>> sleep_audited; ///< id and position of those under audit
 };
 
 /// A discrete element run: the step of physics.md over one domain, or over the domains of several ranks. Time
@@ -143,9 +156,15 @@ public:
     const TimeStep& time_step() const { return time_step_; }
     const std::string& kernel_name() const { return kernel_.name; }
 
-    /// Breaks every bond between a released and an unreleased grain, with `whole_mass` also those between two
-    /// released ones; returns how many.
-    std::size_t release(bool whole_mass = false);
+    /// Breaks every bond between a grain of the released mass (of any of the marks' bits) and one outside it,
+    /// with `whole_mass` also those between two of the mass; returns how many.
+    std::size_t release(bool whole_mass = false, std::uint8_t marks = 0xff);
+    /// A stage begins: triggers that count from it start their clocks. They act from the next step on.
+    void begin_stage(const std::string& name);
+    /// Of the ground in a scene with shaking, now.
+    GroundMotion ground_motion() const;
+    /// Of each strength reduction, as of the last step that forces were computed at.
+    std::vector<double> strength_factors() const { return evaluated().weakened_; }
     void set_viscous_damping(double per_second) { viscous_damping_ = per_second; }
 
     /// A stage of a triaxial test begins: see TriaxialTest.
@@ -156,6 +175,10 @@ public:
     bool triaxial_done(double time_in_stage) const;
     /// A grain that stands outside the membrane, by id; none where all are inside.
     std::optional<std::uint64_t> outside_membrane() const;
+
+    /// How much slept, and at what error: the mean over all looks of |change of force since it fell asleep|
+    /// of the sleepers with awake partners, over what their contacts carried then. Zero without sleep.
+    SleepReport sleep_report() const;
 
     Energies energies() const;
     /// |total now - total at the start| / largest kinetic + elastic + dissipated + potential change so far.
@@ -169,12 +192,20 @@ public:
     Tensor contact_stress() const;
     bool at_rest(const RestState& state) const;
     Snapshot snapshot() const;
+    /// Positions only, which need no forces: m, of this rank's block, as in snapshot().
+    std::vector<Vec3> positions() const;
     struct WallLoad {
         Vec3 force, torque; ///< N; N m about the wall's point
     };
     std::vector<WallLoad> wall_loads() const;
+    /// Of the scene's monitors; torques about the middles of their boxes.
+    std::vector<WallLoad> monitor_loads() const;
+    /// Impulses, peaks and pressure maps of all walls since the start.
+    std::vector<WallReport> wall_reports() const;
 
-    std::size_t contacts() const { return world_.sum(evaluated().contacts_); }
+    std::size_t contacts() const {
+        return world_.sum(evaluated().contacts_ + (sleep_ ? sleep_->contacts : 0));
+    }
     std::size_t candidates() const { return world_.sum(list_.size()); }
     std::size_t outer_candidates() const { return world_.sum(list_.outer_size()); }
     std::size_t bonds() const;
@@ -233,10 +264,10 @@ private:
     template <class Body>
     void for_sweep_parts(Body&& body) {
         team_.for_parts(
-            list_.size(), particles_.owned,
+            list_.size(), active_,
             [&](std::size_t begin, std::size_t end, bool last, int thread) {
-                body(begin, end, begin == 0 ? 0 : list_.row_at(begin),
-                     last ? particles_.owned : list_.row_at(end), thread);
+                body(begin, end, begin == 0 ? 0 : std::min(list_.row_at(begin), active_),
+                     last ? active_ : std::min(list_.row_at(end), active_), thread);
             },
             sweep_block);
     }
@@ -262,6 +293,9 @@ private:
     static double shortened(const Vec3& factor);
     double half_reach() const;
     double largest_outer_share() const;
+    double largest_stray_share() const;
+    bool may_stray(const Body& body) const;
+    void find_strays();
     void set_outer_shares();
     void set_shares();
     Vec3 moved_since_listed(std::size_t row) const;
@@ -278,11 +312,18 @@ private:
     void add_contact(const search::Candidate& pair, const Vec3& force, Tally& tally) const;
     void assign_slots();
     double record_scale() const;
+    void record_walls(bool first);
+    void add_to_monitors(const search::Candidate& pair, const Vec3& force, Tally& tally) const;
+    void check_monitors() const;
     AdvanceWork advance_work(const NetColumns* given, NetColumns* into);
     [[noreturn]] void stop_at_bad_particle() const;
     void check_passing() const;
     std::string near_particles(std::size_t row) const;
     void add_viscous_power();
+    void set_onsets();
+    Vec3 body_acceleration() const;
+    void add_shaking_power(ExactSum& power);
+    void weaken();
     TriaxialTest::Shape specimen_shape() const;
     double platen_force(std::size_t wall) const;
     void press_membrane();
@@ -292,6 +333,38 @@ private:
     Vec3 full_velocity(std::size_t row) const;
     Vec3 full_angular_velocity(std::size_t row) const;
     void collect_tallies(bool first);
+
+    // Sleep (sleepers.cpp).
+    void prepare_sleep();
+    void look_for_sleep();
+    void look_at_awake();
+    void look_at_border();
+    void look_at_walls();
+    void audit_sleep();
+    void judge(std::uint32_t cell, std::uint8_t verdict);
+    void wake_cells(const std::vector<std::uint32_t>& cells);
+    void regroup_between_steps();
+    void wake_for_release(std::uint8_t marks);
+    void look_at_triggers();
+    std::vector<std::uint8_t> rows_that_stay_awake() const;
+    using Wrapped = std::vector<std::array<std::int8_t, 3>>;
+    std::vector<std::uint32_t> regroup(Wrapped& wrapped, Carried& carried);
+    void put_to_sleep(const std::vector<std::uint8_t>& change, const Wrapped& wrapped);
+    void find_border();
+    std::size_t sleep_memory() const;
+    double sleepers_unseen_for(double reach) const;
+    void settle_balances(int sign);
+    Sleepers::Quanta border_force(std::size_t begin, std::size_t end) const;
+    Vec3 static_force(std::size_t pair, const Wrapped* wrapped = nullptr) const;
+    std::array<std::int8_t, 3> pair_shift(const search::Candidate& c, const Wrapped* wrapped) const;
+    void count_sleeping_pair(const contact::History& history, std::uint32_t i, std::uint32_t j,
+                             const std::array<std::int8_t, 3>& shift, int sign);
+    void count_sleeper(std::size_t row, int sign);
+    double sleeping_potential(std::size_t row) const;
+    bool is_asleep(std::size_t row) const;
+    Vec3 stored_position(const SleepStore::Particle& particle) const;
+    void save_sleep(SavedState& state) const;
+    void restore_sleep(const SavedState& state);
 
     // Several ranks (ranks.cpp).
     /// What must be the same before and after particles changed rank, summed over all ranks.
@@ -334,8 +407,10 @@ private:
     PairColumns pairs_;
     search::CandidateList list_;
     WallContacts walls_;
+    WallRecord wall_record_;
     Membrane membrane_;
     std::optional<TriaxialTest> triaxial_;
+    std::unique_ptr<Sleepers> sleep_; ///< where anything may sleep
     TimeStep time_step_;
 
     std::int64_t step_ = 0, last_rebuild_ = 0, last_refresh_ = 0;
@@ -347,12 +422,15 @@ private:
     double wall_travel_ = 0;           ///< m, of the walls since the outer list was made
     double wall_used_ = 0;             ///< m, by which anybody can have come nearer to a wall since then
     double viscous_damping_ = 0;
-    bool straining_ = false;                       ///< space has been stretched: step_and_strain()
-    Vec3 strain_since_rebuild_{1, 1, 1};           ///< factors since the outer list was made
-    Vec3 strain_since_refresh_{1, 1, 1};           ///< and since the close list was
-    double least_share_ = 0;                       ///< m, of the close skin
-    bool current_ = false;                         ///< the forces are those at the present time
-    std::uint64_t id_sum_ = 0;                     ///< over hashes of all ranks' particles' ids
+    std::vector<double> onsets_;         ///< s, at which the triggers' clocks began: shaking, then weakenings
+    std::vector<double> weakened_;       ///< present factor of each strength reduction
+    ConstantsTable full_strength_;       ///< constants_ before any weakening
+    bool straining_ = false;             ///< space has been stretched: step_and_strain()
+    Vec3 strain_since_rebuild_{1, 1, 1}; ///< factors since the outer list was made
+    Vec3 strain_since_refresh_{1, 1, 1}; ///< and since the close list was
+    double least_share_ = 0;             ///< m, of the close skin
+    bool current_ = false;               ///< the forces are those at the present time
+    std::uint64_t id_sum_ = 0;           ///< over hashes of all ranks' particles' ids
     std::vector<std::uint64_t> block_start_{0, 0}; ///< first id of each rank's block
     unsigned asking_ = 0, asked_ = 0;
     double busy_ = 0, lists_time_ = 0, exchange_time_ = 0; ///< s, see RankLoad
@@ -361,6 +439,7 @@ private:
     bool was_unbalanced_ = false;                          ///< then
     std::size_t recuts_ = 0;
     std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, refreshes_ = 0;
+    std::size_t active_ = 0;      ///< rows from here on do not move: fixed and sleeping ones
     search::LocalMotion motion_;  ///< when the outer list was made
     double motion_holds_for_ = 0; ///< s, on all ranks
     Vec3 listed_origin_;
@@ -369,6 +448,9 @@ private:
         listed_; ///< m, positions against the origin when the outer list was made
     std::vector<std::array<float, 3>> refreshed_; ///< m, moved_against_others() when the close list was made
     std::vector<float> outer_share_;              ///< m, the same of the outer list
+    std::vector<std::uint8_t> stray_;             ///< [owned] see find_strays(); empty: there are none
+    std::vector<float> wall_margin_;              ///< m, of strays; empty like stray_
+    double fastest_cell_ = 0;                     ///< m/s, of the local motion; 0 where still
     std::vector<float> share_; ///< m, by which a particle may move before the close list is made anew
     std::vector<std::uint32_t>
         close_ghosts_; ///< those in the close list: the others are brought up with the lists

@@ -102,7 +102,25 @@ Snapshot Simulation::snapshot() const {
             s.angular_velocity[k] = f.angular_velocity;
             s.force[k] = f.force;
         });
+    if (sleep_) // at rest, and nothing acts on them
+        sleep_->store.for_particles([&](const SleepStore::Particle& particle) {
+            s.position[particle.id] = stored_position(particle);
+        });
     return s;
+}
+
+std::vector<Vec3> Simulation::positions() const {
+    struct Row {
+        std::uint64_t id;
+        Vec3 position;
+    };
+    std::vector<Vec3> x(block_size());
+    send_home(
+        [&](std::size_t row) {
+            return Row{particles_.id[row], unwrapped(row)};
+        },
+        [&](const Row& row) { x[row.id - first_id()] = row.position; });
+    return x;
 }
 
 SavedState Simulation::save() const {
@@ -165,6 +183,15 @@ SavedState Simulation::save() const {
         });
 
     std::vector<std::vector<PairRow>> pairs_to(static_cast<std::size_t>(world_.size()));
+    if (sleep_) {
+        sleep_->store.for_particles([&](const SleepStore::Particle& particle) {
+            s.position[particle.id] = particle.position.vec();
+            s.image[particle.id] = particle.image;
+        });
+        sleep_->store.for_pairs([&](const SleepStore::Pair& pair) {
+            pairs_to[0].push_back({pair.i, pair.j, pair.shift, pair.history});
+        });
+    }
     const search::CandidateList::Live is_live = live();
     for (std::size_t k = 0; k < list_.size(); ++k) {
         if (!is_live(k) || (pairs_.state[k] & counted_elsewhere))
@@ -189,7 +216,7 @@ SavedState Simulation::save() const {
     std::vector<std::vector<WallRow>> walls_to(static_cast<std::size_t>(world_.size()));
     for (const WallContacts::Entry& e : walls_.entries())
         if (e.history.state != 0 || e.history.offset != 0)
-            walls_to[home_of(p.id[e.row])].push_back({p.id[e.row], e.wall, e.history});
+            walls_to[home_of(p.id[e.row])].push_back({p.id[e.row], walls_.key(e), e.history});
     std::vector<WallRow> walls = world_.exchange(walls_to);
     std::sort(walls.begin(), walls.end());
     for (const WallRow& wall : walls) {
@@ -198,6 +225,11 @@ SavedState Simulation::save() const {
         s.wall_offset.push_back(wall.history.offset);
         s.wall_state.push_back(wall.history.state);
     }
+    WallRecord record = wall_record_;
+    record.merge(world_);
+    WallRecord::State recorded = record.save(walls_, world_);
+    s.wall_sums = std::move(recorded.sums);
+    s.wall_peaks = std::move(recorded.peaks);
     std::vector<ExactSum> sums;
     for (const Integral& i : integrals_)
         sums.insert(sums.end(), {i.sum, i.first, i.last});
@@ -207,6 +239,8 @@ SavedState Simulation::save() const {
         s.ledger.push_back(sum.high_bits());
         s.ledger.push_back(sum.low_bits());
     }
+    if (sleep_)
+        save_sleep(s);
     s.scalars = {start_energy_, largest_energy_, viscous_damping_, start_potential_};
     for (std::size_t w = 0; w < walls_.count(); ++w)
         for (int k = 0; k < 3; ++k)
@@ -214,14 +248,15 @@ SavedState Simulation::save() const {
     if (triaxial_)
         for (const double value : triaxial_->state())
             s.scalars.push_back(value);
+    s.scalars.insert(s.scalars.end(), onsets_.begin(), onsets_.end());
     return s;
 }
 
 void Simulation::restore(const SavedState& s) {
     const std::size_t n = block_size();
     const std::size_t of_walls = 4 + 3 * walls_.count(), of_test = triaxial_ ? TriaxialTest::state_size : 0;
-    if (s.position.size() != n || s.scalars.size() != of_walls + of_test ||
-        s.ledger.size() != 2 * (3 * integrals_.size() + 1))
+    if (s.position.size() != n || s.scalars.size() != of_walls + of_test + onsets_.size() ||
+        s.ledger.size() != 2 * (3 * integrals_.size() + 1 + (sleep_ ? 4 : 0)))
         throw Error(
             ExitCode::input_invalid,
             fmt::format(
@@ -249,6 +284,8 @@ void Simulation::restore(const SavedState& s) {
                    });
     for (std::size_t w = 0; w < walls_.count(); ++w)
         walls_.set_point(w, {s.scalars[4 + 3 * w], s.scalars[5 + 3 * w], s.scalars[6 + 3 * w]});
+    std::copy_n(s.scalars.end() - static_cast<std::ptrdiff_t>(onsets_.size()), onsets_.size(),
+                onsets_.begin());
     if (triaxial_) {
         triaxial_->set_state({s.scalars.data() + of_walls, of_test});
         walls_.set_velocity(TriaxialTest::top_wall, {0, 0, triaxial_->velocity()});
@@ -257,19 +294,18 @@ void Simulation::restore(const SavedState& s) {
     // The start's contacts are not ours.
     std::fill(pairs_.state.begin(), pairs_.state.end(), std::uint8_t{0});
     std::fill(pairs_.offset.begin(), pairs_.offset.end(), 0.0);
-    for (WallContacts::Entry& e : walls_.entries())
-        e.history = {};
+    walls_.forget_histories();
     cut_domains();
     rebuild(true, restored_contacts(s));
 
     // Pair forces are needed for reports only: compute them on a copy of the history, which stays as saved.
     // The next step starts from the saved accelerations.
     PairColumns kept = pairs_;
-    const std::vector<WallContacts::Entry> kept_walls(walls_.entries().begin(), walls_.entries().end());
+    const WallContacts::Histories kept_walls = walls_.histories();
     compute_forces(0);
     pairs_ = std::move(kept);
-    for (std::size_t k = 0; k < kept_walls.size(); ++k)
-        walls_.entries()[k].history = kept_walls[k].history;
+    walls_.set_histories(kept_walls);
+    wall_record_.restore({s.wall_sums, s.wall_peaks}, walls_, world_);
     breaks_.clear();
     send_to_owners([&](std::size_t k) { return row_of_state(s, k, first_id() + k); },
                    [&](std::size_t row, const ParticleRow& r) {
@@ -294,6 +330,11 @@ void Simulation::restore(const SavedState& s) {
         get(i.last);
     }
     get(fractured_);
+    if (sleep_) {
+        restore_sleep(s);
+        for (ExactSum* sum : {&sleep_->potential, &sleep_->elastic, &sleep_->contact_force, &sleep_->taken})
+            get(*sum);
+    }
     start_energy_ = s.scalars[0];
     largest_energy_ = s.scalars[1];
     viscous_damping_ = s.scalars[2];
@@ -365,7 +406,7 @@ Simulation::Carried Simulation::restored_contacts(const SavedState& s) const {
     std::vector<std::vector<WallRow>> walls_home(ranks), walls_owner(ranks);
     for (std::size_t c = 0; c < s.wall_pair.size(); ++c) {
         const auto [id, wall] = s.wall_pair[c];
-        if (id >= size() || wall >= walls_.count())
+        if (id >= size() || !walls_.knows(wall))
             lost(id, wall);
         walls_home[home_of(id)].push_back(
             {id, wall, {s.wall_displacement[c], s.wall_offset[c], s.wall_state[c]}});

@@ -85,12 +85,13 @@ HWY_INLINE M count_contacts(const M& active, unsigned now, unsigned broken, std:
 
 HWY_INLINE LaneConstants<V> same_constants(const contact::Constants& c) {
     const D d;
-    return {hn::Set(d, c.normal_stiffness), hn::Set(d, c.tangential_stiffness), hn::Set(d, c.damping),
-            hn::Set(d, c.tangential_damping), hn::Set(d, c.friction)};
+    return {hn::Set(d, c.normal_stiffness), hn::Set(d, c.tangential_stiffness),
+            hn::Set(d, c.damping),          hn::Set(d, c.tangential_damping),
+            hn::Set(d, c.friction),         hn::Set(d, c.bond_pressure * std::numbers::pi * 4)};
 }
 
 HWY_INLINE LaneConstants<V> gathered_constants(const PairWork& work, const search::Candidate* c) {
-    alignas(64) double a[5][lanes];
+    alignas(64) double a[6][lanes];
     for (std::size_t l = 0; l < lanes; ++l) {
         const contact::Constants& k = work.constants.of(work.particles, c[l]);
         a[0][l] = k.normal_stiffness;
@@ -98,9 +99,11 @@ HWY_INLINE LaneConstants<V> gathered_constants(const PairWork& work, const searc
         a[2][l] = k.damping;
         a[3][l] = k.tangential_damping;
         a[4][l] = k.friction;
+        a[5][l] = k.bond_pressure * std::numbers::pi * 4;
     }
     const D d;
-    return {hn::Load(d, a[0]), hn::Load(d, a[1]), hn::Load(d, a[2]), hn::Load(d, a[3]), hn::Load(d, a[4])};
+    return {hn::Load(d, a[0]), hn::Load(d, a[1]), hn::Load(d, a[2]),
+            hn::Load(d, a[3]), hn::Load(d, a[4]), hn::Load(d, a[5])};
 }
 
 /// The two particles of each lane's pair in a column.

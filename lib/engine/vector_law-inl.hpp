@@ -21,6 +21,7 @@ namespace HWY_NAMESPACE {
 template <class T>
 struct LaneConstants {
     T normal_stiffness, tangential_stiffness, damping, tangential_damping, friction;
+    T bond_stress; ///< 4 pi P_b: a bond's strength per square of the effective radius
 };
 
 /// contact::Motion, one per lane; see there.
@@ -65,8 +66,7 @@ HWY_INLINE LaneForce<T, Mask> lane_force(R r, const LaneConstants<T>& c, const c
     T conservative = elastic, strength = zero;
     f.broken = hn::Lt(zero, zero);
     if constexpr (F::bonds) {
-        strength = hn::Mul(set(common.bond_pressure * std::numbers::pi * 4),
-                           hn::Mul(m.effective_radius, m.effective_radius));
+        strength = hn::Mul(c.bond_stress, hn::Mul(m.effective_radius, m.effective_radius));
         const Mask stretched = hn::And(bonded, hn::Lt(m.overlap, zero));
         const T twice = hn::Add(strength, strength);
         const Mask softens = hn::And(stretched, hn::Gt(hn::Neg(spring_dashpot), strength));

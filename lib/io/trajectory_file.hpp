@@ -9,7 +9,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -51,6 +53,26 @@ struct BondBreakage {
     friend bool operator==(const BondBreakage&, const BondBreakage&) = default;
 };
 
+/// What a wall took over a run. One with a map has patches: the faces of a mesh, or cells of a plane.
+struct WallMap {
+    std::string name;
+    Vec3 impulse;                            ///< N s, of all forces on the wall
+    double peak_force = 0;                   ///< N, the largest in any step
+    Vec3 peak_force_vector;                  ///< N
+    double peak_force_time = 0;              ///< s
+    std::optional<double> first_impact_time; ///< s; empty: nothing touched it
+
+    std::vector<Vec3> points;           ///< m, relative to the origin, at the end of the run
+    std::size_t sides = 3;              ///< corners of a patch
+    std::vector<std::uint32_t> corners; ///< numbers of points, `sides` for each patch
+    std::vector<double> area;           ///< m2, of each patch
+    std::vector<Vec3> impulse_of_patch; ///< N s
+    std::vector<double> normal_impulse; ///< N s
+    std::vector<double> mean_pressure;  ///< Pa, over the whole run
+    std::vector<double> peak_pressure;  ///< Pa, the largest in any step
+    std::vector<double> peak_time;      ///< s
+};
+
 /// Writes `*.traj.h5` frame by frame under the temporary name partial_path(path); a killed run leaves all
 /// frames before the last call of frame() readable there. Without finish() the destructor removes the file,
 /// and so does a failure; but not once an image() was taken, for a resumed run goes on with it. Every call
@@ -88,6 +110,20 @@ public:
     /// i (of this rank).
     void frame(std::int64_t step, double time, const std::vector<Field>& fields);
 
+    /// Appends a frame of some particles only, with the fields of frame(), which must have been called
+    /// before: all others are as they were last written. `particles` are numbers in the whole trajectory,
+    /// rising; `rows` says where this rank's stand among those of all ranks (total 0: all are here). Such
+    /// frames are kept beside the full ones, which alone make up /particles/all: a reader of H5MD sees these,
+    /// TrajectoryReader sees all.
+    void changes(std::int64_t step, double time, std::span<const std::uint64_t> particles,
+                 const std::vector<Field>& fields, Rows rows = {});
+
+    /// Writes /particles/all/<name>, one value a particle that does not depend on time, with these
+    /// attributes. A resumed file that has it keeps what it has.
+    void column(const std::string& name, std::string_view unit, std::span<const double> values,
+                const std::vector<std::pair<std::string, double>>& attributes = {});
+    void column(const std::string& name, std::span<const std::uint8_t> values);
+
     /// Appends a row to /granular/series/<name>; names may contain '/'. The first call fixes the columns;
     /// "step" and "time" are two of them. Rows reach the file with the next frame or every 1024 rows.
     void series(const std::vector<std::pair<std::string, double>>& row);
@@ -95,6 +131,8 @@ public:
     /// Rank 0's are written.
     void bond_breakages(std::span<const BondBreakage> breakages);
     void stage(const StageMark& mark);
+    /// Once, at the end; finish() then writes a second sidecar for those with patches, walls_sidecar_path().
+    void walls(std::span<const WallMap> walls);
 
     /// Brings everything written so far to the file.
     void flush();
@@ -112,9 +150,18 @@ private:
     std::unique_ptr<State> state_;
 };
 
+/// The sidecar that shows the walls of a trajectory: its name with .walls.xdmf.
+std::string walls_sidecar_path(const std::string& trajectory);
+
 /// The unit of a series column by its name's last part ("force_z": "N", "time": "s"); empty where it is a
 /// number without dimension or unknown.
 std::string_view series_unit(std::string_view name);
+
+/// Copies a trajectory, with all of its frames written out in full; its sidecar shows them all.
+/// @param each called after each frame with the part that is done
+/// @throws Error output_exists, input_invalid, run_failed
+void write_full_frames(const std::string& from, const std::string& to, const Provenance& provenance,
+                       bool overwrite, const std::function<void(double)>& each = {});
 
 /// Reads `*.traj.h5`. Everything throws Error input_invalid naming file, place and cure.
 class TrajectoryReader {
@@ -134,13 +181,22 @@ public:
     std::int64_t step(std::size_t frame) const;
     bool has(const std::string& field) const;
     std::vector<std::string> fields() const;
-    /// Row i = particle i; positions relative to statics().origin.
+    /// Row i = particle i; positions relative to statics().origin. A frame that was written as changes is put
+    /// together from those before; one after the other costs least.
     std::vector<Vec3> read(std::size_t frame, const std::string& field) const;
+
+    /// How many frames hold all particles; the others changes only.
+    std::size_t full_frames() const;
+    /// A column that TrajectoryWriter::column wrote; empty where there is none.
+    std::vector<double> column(const std::string& name) const;
+    /// A number that stands with it.
+    std::optional<double> column_attribute(const std::string& name, const std::string& attribute) const;
 
     std::vector<StageMark> stages() const;
     std::vector<std::string> series_names() const; ///< sorted
     std::vector<double> series(const std::string& name) const;
     std::vector<BondBreakage> bond_breakages() const;
+    std::vector<WallMap> walls() const; ///< sorted by name
     Provenance provenance() const;
     std::string config() const;
 

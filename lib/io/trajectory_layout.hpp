@@ -13,6 +13,7 @@ namespace talus::io::layout {
 constexpr const char* particles = "/particles/all";
 constexpr const char* series = "/granular/series";
 constexpr const char* stages = "/granular/stages";
+constexpr const char* changes = "/granular/changes"; ///< a group for each frame of changes
 constexpr const char* breakages = "/granular/bond_breakages";
 
 constexpr std::size_t rows_at_once = 1024; ///< of series, step and time: 8 KiB, a chunk

@@ -3,10 +3,12 @@
 #include "io/trajectory_file.hpp"
 #include "io/trajectory_layout.hpp"
 #include "io/validate.hpp"
+#include "io/wall_maps.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <map>
 
 namespace talus::io {
 
@@ -14,8 +16,19 @@ struct TrajectoryReader::State {
     hdf::File file;
     TrajectoryStatic statics;
     bool complete = false;
-    std::vector<std::int64_t> steps;
-    std::vector<double> times;
+    struct Frame {
+        std::int64_t step;
+        double time;
+        std::size_t full;    ///< its place among the full frames
+        std::string changes; ///< or the group of its changes
+    };
+    std::vector<Frame> frames;
+    std::size_t full_frames = 0;
+    struct Kept {
+        std::size_t frame = 0;
+        std::vector<Vec3> rows;
+    };
+    mutable std::map<std::string, Kept> kept; ///< by field: what was read last, where there are changes
 
     const hdf::Context& context() const { return file.context(); }
     hdf::Group particles() const { return file.root().group(layout::particles); }
@@ -65,9 +78,9 @@ struct TrajectoryReader::State {
 
     /// Frames that are there in every field: a killed run may have begun one more in some.
     void read_frames(const hdf::Group& position) {
-        steps = position.dataset("step").read<std::int64_t>();
-        times = position.dataset("time").read<double>();
-        std::size_t frames = std::min(steps.size(), times.size());
+        const auto steps = position.dataset("step").read<std::int64_t>();
+        const auto times = position.dataset("time").read<double>();
+        full_frames = std::min(steps.size(), times.size());
         bool any = false;
         for (const std::string& name : names()) {
             const hdf::Dataset value = particles().dataset(name + "/value");
@@ -75,13 +88,91 @@ struct TrajectoryReader::State {
             if (dims.size() != 3 || dims[1] != statics.size() || dims[2] != 3)
                 context().fail(value.path(), fmt::format("is not [frames][{}][3]; make the trajectory anew",
                                                          statics.size()));
-            frames = std::min<std::size_t>(frames, dims[0]);
+            full_frames = std::min<std::size_t>(full_frames, dims[0]);
             any = true;
         }
         if (!any)
-            frames = 0;
-        steps.resize(frames);
-        times.resize(frames);
+            full_frames = 0;
+        for (std::size_t k = 0; k < full_frames; ++k)
+            frames.push_back({steps[k], times[k], k, {}});
+        const hdf::Group root = file.root();
+        if (!root.has(layout::changes) || full_frames == 0)
+            return;
+        const hdf::Group changes = root.group(layout::changes);
+        for (const std::string& name : changes.names()) {
+            const hdf::Group group = changes.group(name);
+            const auto step = group.integer("step");
+            const auto time = group.number("time");
+            if (!step || !time || !group.integer("count"))
+                break; // a killed run began it
+            if (*step < frames.front().step)
+                context().fail(group.path(), "stands before the first full frame; make the trajectory anew");
+            frames.push_back({*step, *time, 0, name});
+        }
+        // At the end of a stage changes come before the next one's first frame, of the same step.
+        std::stable_sort(frames.begin(), frames.end(), [](const Frame& a, const Frame& b) {
+            return a.step < b.step || (a.step == b.step && !a.changes.empty() && b.changes.empty());
+        });
+    }
+
+    std::vector<Vec3> read_full(std::size_t full, const std::string& field) const {
+        const hdf::Dataset value = particles().dataset(field + "/value");
+        const std::size_t n = statics.size();
+        std::vector<Vec3> rows(n);
+        read_rows(value, {full, 0, 0}, {1, n, 3}, rows);
+        return rows;
+    }
+
+    void read_rows(const hdf::Dataset& value, const hdf::Dims& offset, const hdf::Dims& count,
+                   std::vector<Vec3>& rows) const {
+        const std::size_t n = rows.size();
+        if (n > 0 && value.stored_as<float>()) {
+            std::vector<float> narrow(3 * n);
+            value.read(narrow.data(), offset, count);
+            for (std::size_t i = 0; i < n; ++i)
+                rows[i] = {narrow[3 * i], narrow[3 * i + 1], narrow[3 * i + 2]};
+        } else if (n > 0) {
+            value.read(&rows.data()->x, offset, count);
+        }
+    }
+
+    /// Puts the changes of a frame in their places.
+    void apply(const Frame& frame, const std::string& field, std::vector<Vec3>& rows) const {
+        const hdf::Group group = file.root().group(layout::changes).group(frame.changes);
+        if (group.integer("count") == 0)
+            return;
+        const auto particle = group.dataset("particle").read<std::uint64_t>();
+        const hdf::Dataset value = group.dataset(field);
+        if (value.dims() != hdf::Dims{particle.size(), 3})
+            context().fail(value.path(),
+                           fmt::format("is not [{}][3]; make the trajectory anew", particle.size()));
+        std::vector<Vec3> changed(particle.size());
+        read_rows(value, {0, 0}, {particle.size(), 3}, changed);
+        for (std::size_t k = 0; k < particle.size(); ++k) {
+            if (particle[k] >= rows.size())
+                context().fail(group.path("particle"),
+                               fmt::format("names particle {} of {}; make the trajectory anew", particle[k],
+                                           rows.size()));
+            rows[particle[k]] = changed[k];
+        }
+    }
+
+    std::vector<Vec3> read(std::size_t frame, const std::string& field) const {
+        if (frames[frame].changes.empty() && full_frames == frames.size())
+            return read_full(frames[frame].full, field);
+        std::size_t base = frame;
+        while (!frames[base].changes.empty())
+            --base;
+        Kept& last = kept[field];
+        std::size_t next = last.frame + 1;
+        if (last.rows.empty() || last.frame < base || last.frame > frame) {
+            last.rows = read_full(frames[base].full, field);
+            next = base + 1;
+        }
+        for (; next <= frame; ++next)
+            apply(frames[next], field, last.rows);
+        last.frame = frame;
+        return last.rows;
     }
 
     std::vector<std::string> names() const {
@@ -109,13 +200,13 @@ bool TrajectoryReader::complete() const {
     return state_->complete;
 }
 std::size_t TrajectoryReader::frames() const {
-    return state_->times.size();
+    return state_->frames.size();
 }
 double TrajectoryReader::time(std::size_t frame) const {
-    return state_->times.at(frame);
+    return state_->frames.at(frame).time;
 }
 std::int64_t TrajectoryReader::step(std::size_t frame) const {
-    return state_->steps.at(frame);
+    return state_->frames.at(frame).step;
 }
 std::vector<std::string> TrajectoryReader::fields() const {
     return state_->names();
@@ -135,19 +226,31 @@ std::vector<Vec3> TrajectoryReader::read(std::size_t frame, const std::string& f
     if (frame >= frames())
         s.context().fail(value.path(),
                          fmt::format("has no frame {}; its frames are 0 to {}", frame, frames()));
-    const std::size_t n = s.statics.size();
-    std::vector<Vec3> rows(n);
-    const hdf::Dims offset{frame, 0, 0}, count{1, n, 3};
-    if (n > 0 && value.stored_as<float>()) {
-        std::vector<float> narrow(3 * n);
-        value.read(narrow.data(), offset, count);
-        for (std::size_t i = 0; i < n; ++i)
-            rows[i] = {narrow[3 * i], narrow[3 * i + 1], narrow[3 * i + 2]};
-    } else if (n > 0) {
-        value.read(&rows.data()->x, offset, count);
-    }
+    std::vector<Vec3> rows = s.read(frame, field);
     check_finite(s.context(), fmt::format("{}: frame {}", value.path(), frame), rows);
     return rows;
+}
+
+std::size_t TrajectoryReader::full_frames() const {
+    return state_->full_frames;
+}
+
+std::vector<double> TrajectoryReader::column(const std::string& name) const {
+    const hdf::Group particles = state_->particles();
+    if (!particles.has(name) || particles.is_group(name))
+        return {};
+    std::vector<double> values = particles.dataset(name).read<double>();
+    check_length(state_->context(), particles.path(name), values.size(), state_->statics.size());
+    return values;
+}
+
+std::optional<double> TrajectoryReader::column_attribute(const std::string& name,
+                                                         const std::string& attribute) const {
+    const hdf::Group particles = state_->particles();
+    if (!particles.has(name) || particles.is_group(name))
+        return std::nullopt;
+    const std::vector<double> values = hdf::attribute_numbers(particles, name, attribute);
+    return values.empty() ? std::nullopt : std::optional<double>(values.front());
 }
 
 std::vector<StageMark> TrajectoryReader::stages() const {
@@ -205,6 +308,10 @@ std::vector<BondBreakage> TrajectoryReader::bond_breakages() const {
                         {position[3 * b], position[3 * b + 1], position[3 * b + 2]},
                         mode[b]});
     return list;
+}
+
+std::vector<WallMap> TrajectoryReader::walls() const {
+    return read_walls(state_->file.root());
 }
 
 Provenance TrajectoryReader::provenance() const {

@@ -5,6 +5,7 @@
 #include "io/trajectory_file.hpp"
 #include "io/trajectory_layout.hpp"
 #include "io/validate.hpp"
+#include "io/wall_maps.hpp"
 #include "io/xdmf.hpp"
 
 #include <algorithm>
@@ -54,9 +55,11 @@ struct TrajectoryWriter::State {
         Growing step, time, pair, position, mode;
     } breakages;
     std::vector<double> frame_times;
-    std::size_t stage_count = 0;
-    std::vector<Extent> lasting; ///< bytes of the file that never change again
-    std::vector<float> narrow;   ///< a frame on its way to f32
+    std::size_t stage_count = 0, change_count = 0;
+    std::vector<XdmfArray> own_columns; ///< written by column()
+    std::string walls_xdmf;             ///< of the walls with patches
+    std::vector<Extent> lasting;        ///< bytes of the file that never change again
+    std::vector<float> narrow;          ///< a frame on its way to f32
     bool failed = false;
     bool resumed = false;                                     ///< fields and columns are the file's
     bool fields_unordered = false, columns_unordered = false; ///< ... and in no given order yet
@@ -170,6 +173,8 @@ struct TrajectoryWriter::State {
         for (const std::string& name : names)
             columns.push_back({name, Growing::open(series, name), {}});
         stage_count = root.group(layout::stages).names().size();
+        if (root.has(layout::changes))
+            change_count = root.group(layout::changes).names().size();
         const hdf::Group broken = root.group(layout::breakages);
         breakages = {Growing::open(broken, "step"), Growing::open(broken, "time"),
                      Growing::open(broken, "pair"), Growing::open(broken, "position"),
@@ -322,6 +327,84 @@ struct TrajectoryWriter::State {
             field.value.find_chunks({frame, 0, 0}, {1, rows.total, 3}, lasting);
     }
 
+    void check_changes(std::int64_t step, std::span<const std::uint64_t> particles,
+                       const std::vector<TrajectoryWriter::Field>& given) const {
+        const std::string place = fmt::format("{}: step {}", layout::changes, step);
+        for (std::size_t k = 0; k < particles.size(); ++k)
+            if (particles[k] >= rows.total || (k > 0 && particles[k] <= particles[k - 1]))
+                context().fail(place, fmt::format("particle {} of {} out of place; give them in order",
+                                                  particles[k], rows.total));
+        if (fields.empty() || given.size() != fields.size())
+            context().fail(place, fmt::format("{} fields after a frame with {}; give those of the frame "
+                                              "before",
+                                              given.size(), fields.size()));
+        for (std::size_t f = 0; f < given.size(); ++f) {
+            const auto& [name, values] = given[f];
+            if (std::none_of(fields.begin(), fields.end(),
+                             [&](const Field& have) { return have.name == name; }))
+                context().fail(place,
+                               fmt::format("the field {}, which no frame had before; give its fields", name));
+            check_length(context(), place + ": " + name, values.size(), particles.size());
+            check_finite(context(), place + ": " + name, values, rows.first);
+        }
+    }
+
+    void write_changes(std::int64_t step, double time, std::span<const std::uint64_t> particles,
+                       const std::vector<TrajectoryWriter::Field>& given, Rows part) {
+        all_or_none(together, [&] { check_changes(step, particles, given); });
+        if (part.total == 0)
+            part = {0, particles.size()};
+        const hdf::Group group =
+            file.root().create_group(fmt::format("{}/{:08}", layout::changes, change_count++));
+        std::vector<hdf::Dataset> written;
+        if (part.total > 0) {
+            written.push_back(group.write("particle", particles.data(), {particles.size()},
+                                          {.filter = hdf::Filter::compressed, .rows = part}));
+            for (const auto& [name, values] : given) {
+                const hdf::Layout layout{.unit = layout::field_unit(name), .rows = part};
+                if (statics.float64) {
+                    written.push_back(group.write(name, values.empty() ? nullptr : &values.data()->x,
+                                                  {values.size(), 3}, layout));
+                    continue;
+                }
+                narrow.resize(3 * values.size());
+                for (std::size_t i = 0; i < values.size(); ++i)
+                    for (int k = 0; k < 3; ++k)
+                        narrow[3 * i + static_cast<std::size_t>(k)] = static_cast<float>(values[i][k]);
+                written.push_back(group.write(name, narrow.data(), {values.size(), 3}, layout));
+            }
+        }
+        group.set("step", step);
+        group.set("time", time);
+        group.set("count", static_cast<std::int64_t>(part.total)); // last: a reader asks for it first
+        flush();
+        for (const hdf::Dataset& dataset : written)
+            find_chunks(dataset);
+    }
+
+    template <class T>
+    void write_column(const std::string& name, std::string_view unit, std::span<const T> values,
+                      const std::vector<std::pair<std::string, double>>& attributes) {
+        const std::string place = std::string(layout::particles) + "/" + name;
+        all_or_none(together, [&] { check_length(context(), place, values.size(), statics.size()); });
+        XdmfArray array{.name = name, .path = place, .rows = rows.total};
+        if (sizeof(T) == 1) {
+            array.number = "UChar";
+            array.precision = 1;
+        }
+        own_columns.push_back(array);
+        const hdf::Group particles = file.root().group(layout::particles);
+        if (resumed && particles.has(name))
+            return;
+        const hdf::Dataset dataset =
+            particles.write(name, values.data(), {values.size()},
+                            {.unit = unit, .filter = hdf::Filter::compressed, .rows = rows});
+        for (const auto& [key, value] : attributes)
+            dataset.set(key, std::span<const double>(&value, 1));
+        flush();
+        find_chunks(dataset);
+    }
+
     void flush() {
         write_series();
         file.flush();
@@ -395,6 +478,11 @@ struct TrajectoryWriter::State {
                 return;
             AtomicFile sidecar(sidecar_path(path), true);
             sidecar.write(xdmf());
+            if (!walls_xdmf.empty()) {
+                AtomicFile walls(walls_sidecar_path(path), true);
+                walls.write(walls_xdmf);
+                walls.commit();
+            }
             sidecar.commit(); // first: a run killed in between goes on and makes it again
             output->commit();
         });
@@ -446,6 +534,7 @@ struct TrajectoryWriter::State {
             if (present(name))
                 arrays.push_back(
                     {.name = name, .path = where + name, .rows = n, .number = "UChar", .precision = 1});
+        arrays.insert(arrays.end(), own_columns.begin(), own_columns.end());
         return xdmf_points(path, "particles", arrays, frame_times);
     }
 
@@ -489,6 +578,20 @@ void TrajectoryWriter::frame(std::int64_t step, double time, const std::vector<F
     state_->guarded([&] { state_->write_frame(step, time, fields); });
 }
 
+void TrajectoryWriter::changes(std::int64_t step, double time, std::span<const std::uint64_t> particles,
+                               const std::vector<Field>& fields, Rows rows) {
+    state_->guarded([&] { state_->write_changes(step, time, particles, fields, rows); });
+}
+
+void TrajectoryWriter::column(const std::string& name, std::string_view unit, std::span<const double> values,
+                              const std::vector<std::pair<std::string, double>>& attributes) {
+    state_->guarded([&] { state_->write_column(name, unit, values, attributes); });
+}
+
+void TrajectoryWriter::column(const std::string& name, std::span<const std::uint8_t> values) {
+    state_->guarded([&] { state_->write_column(name, "", values, {}); });
+}
+
 void TrajectoryWriter::series(const std::vector<std::pair<std::string, double>>& row) {
     State& s = *state_;
     s.guarded([&] {
@@ -525,6 +628,19 @@ void TrajectoryWriter::stage(const StageMark& mark) {
         group.set("step", mark.step);
         group.set("time", mark.time);
     });
+}
+
+void TrajectoryWriter::walls(std::span<const WallMap> walls) {
+    State& s = *state_;
+    s.guarded([&] {
+        write_walls(s.file.root(), walls);
+        s.walls_xdmf = xdmf_walls(s.path, walls);
+    });
+}
+
+std::string walls_sidecar_path(const std::string& trajectory) {
+    std::string path = sidecar_path(trajectory);
+    return path.insert(path.rfind(".xdmf"), ".walls");
 }
 
 void TrajectoryWriter::flush() {

@@ -43,7 +43,9 @@ std::vector<std::uint32_t> space_filling_order(const ParticleColumns& p, double 
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
             const Vec3 f = (p.bodies[row].position.vec() - lower) / cell;
-            keys[row] = {morton_code(cut(f.x), cut(f.y), cut(f.z)), p.id[row],
+            // Those that do not move stand behind the others: loops over what moves end there.
+            const std::uint64_t stands = p.species[row] == Species::fixed ? std::uint64_t{1} << 63 : 0;
+            keys[row] = {stands | morton_code(cut(f.x), cut(f.y), cut(f.z)), p.id[row],
                          static_cast<std::uint32_t>(row)};
         }
         std::sort(keys.begin() + static_cast<std::ptrdiff_t>(begin),

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 /// Any number of ranks computes what one computes, bit for bit.
+#include "../engine/meshes.hpp"
 #include "../engine/scenes.hpp"
 #include "world.hpp"
 
@@ -146,6 +147,59 @@ Grains flow_grains(std::size_t n = 900) {
     return g;
 }
 
+TEST(SameBits, WallsOfTrianglesAndWhatTheyTake) {
+    Scene scene = flow_scene();
+    scene.walls[0].patches = PatchGrid{0.05, 0.2};
+    scene.walls.push_back(
+        testing::mesh_wall("pier", testing::block({0.08, 0.08, -0.01}, {0.13, 0.14, 0.028}), scene.material));
+    scene.walls.push_back(testing::mesh_wall(
+        "hills",
+        testing::sheet(0.12, 12,
+                       [](double x, double y) { return 0.02 * std::sin(40 * x) * std::cos(30 * y); }),
+        scene.material));
+    scene.walls.back().velocity = {0.5, -0.2, 0};
+    Grains g = flow_grains();
+    for (Vec3& x : g.position)
+        x.z += 0.025;
+    for (std::size_t k = 0; k < g.size() / 8; ++k) // a monitored structure
+        g.species.push_back(Species::fixed);
+    g.species.resize(g.size(), Species::grain);
+    scene.monitors.push_back({"part", {0, 0, 0}, {0.1, 0.2, 0.15}});
+    scene.monitors.push_back({"all", {0, 0, 0}, {0.25, 0.25, 100}});
+    Both both(scene, g);
+    both.steps(2500);
+    both.expect_same("walls of triangles");
+    const std::vector<WallReport> all = both.many.wall_reports();
+    const auto monitors = both.many.monitor_loads();
+    // Saved by all, taken up by one.
+    SavedState state = both.many.save();
+    const auto bring = [](auto& column) { column = whole(column); };
+    bring(state.wall_pair);
+    if (!both.one)
+        return;
+    const SavedState alone = both.one->save();
+    EXPECT_EQ(state.wall_pair, alone.wall_pair);
+    EXPECT_EQ(state.wall_sums, alone.wall_sums);
+    EXPECT_EQ(state.wall_peaks, alone.wall_peaks);
+    const std::vector<WallReport> one = both.one->wall_reports();
+    for (std::size_t w = 0; w < all.size(); ++w) {
+        EXPECT_GT(norm(all[w].impulse), 0) << w;
+        EXPECT_EQ(all[w].impulse, one[w].impulse);
+        EXPECT_EQ(all[w].peak_force_vector, one[w].peak_force_vector);
+        EXPECT_EQ(all[w].peak_time, one[w].peak_time);
+        EXPECT_EQ(all[w].first_time, one[w].first_time);
+        EXPECT_EQ(all[w].patches->impulse, one[w].patches->impulse);
+        EXPECT_EQ(all[w].patches->peak_pressure, one[w].patches->peak_pressure);
+        EXPECT_EQ(all[w].patches->peak_time, one[w].patches->peak_time);
+    }
+    const auto monitors_of_one = both.one->monitor_loads();
+    for (std::size_t m = 0; m < monitors.size(); ++m) {
+        EXPECT_EQ(monitors[m].force, monitors_of_one[m].force);
+        EXPECT_EQ(monitors[m].torque, monitors_of_one[m].torque);
+        EXPECT_GT(norm(monitors[m].force), 0);
+    }
+}
+
 TEST(SameBits, AFlowThatCrossesEveryBorder) {
     EXPECT_GT(run_both(flow_scene(), flow_grains(), 8000), 10u);
 }
@@ -195,6 +249,46 @@ TEST(SameBits, BondsThatBreakOnTheWay) {
     both.expect_same("released");
     both.steps(4000);
     both.expect_same("at the end");
+}
+
+TEST(SameBits, ShakingAndWeakeningBonds) {
+    Scene scene = flow_scene();
+    scene.bond = BondMaterial{.bond_pressure = 3e3, .bond_friction = 1, .bond_initiation_factor = 1.3};
+    scene.stress_free_start = true;
+    scene.more_materials = {scene.material};
+    scene.shaking.emplace().record =
+        Accelerogram({0, 0.01, 0.03, 0.06}, {{}, {40, -20, 30}, {-50, 10, 0}, {}});
+    StrengthReduction& reduction = scene.strength_reductions.emplace_back();
+    reduction.factor = {{0, 1}, {0.03, 0.1}};
+    reduction.of_material = {0, 1};
+    Grains g = flow_grains(700);
+    g.release.assign(g.size(), 0);
+    for (std::size_t k = 0; k < g.size(); ++k) {
+        g.material.push_back(k % 2);
+        g.release[k] = static_cast<std::uint8_t>(1u << (k % 3));
+    }
+    Both both(scene, g);
+    both.steps(100);
+    both.expect_same("before a release");
+    const std::size_t released = both.many.release(false, 2);
+    EXPECT_GT(released, 0u);
+    if (both.one) {
+        EXPECT_EQ(both.one->release(false, 2), released);
+    }
+    both.steps(1500);
+    both.expect_same("after it");
+    const SavedState mine = both.many.save();
+    Both again(scene, g);
+    again.many.restore(mine);
+    if (both.one)
+        again.one->restore(both.one->save());
+    both.steps(700);
+    again.steps(700);
+    std::swap(both.one, again.one);
+    again.many.take_breaks();
+    if (again.one)
+        again.one->take_breaks();
+    again.expect_same("after a checkpoint");
 }
 
 TEST(SameBits, FixedGrainsAndSeveralMaterials) {

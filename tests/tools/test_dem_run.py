@@ -332,7 +332,7 @@ class DemRun(ReadsInput, Scenes):
     def test_all_errors_of_a_scene_at_once(self):
         self.write("scene.json", '{\n"gravety": [0, 0, 1],\n"material": {"density": "3kPa", "frictoin": 1},\n'
                                  '"time": {"end": -1},\n"stages": [{"nam": "a"}],\n'
-                                 '"walls": [{"mesh": "pier.stl"}]\n}\n')
+                                 '"walls": [{"mesh": "pier.stl", "plane": {"normal": [0, 0, 1]}}]\n}\n')
         got = self.run_tool("dem-run", self.input(), "-c", "scene.json", "-o", "out.h5")
         self.assertEqual(got.code, CONFIGURATION, str(got))
         for start in (r'scene\.json:2:1: error: /gravety: .*"gravity"',

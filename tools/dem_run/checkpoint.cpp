@@ -66,6 +66,14 @@ void state_columns(State& s, Each&& each) {
     each("walls/tangential_displacement", s.wall_displacement, double{}, "m", table);
     each("walls/normal_overlap_offset", s.wall_offset, double{}, "m", table);
     each("walls/state", s.wall_state, std::uint8_t{}, "", table);
+    each("walls/sums", s.wall_sums, std::int64_t{}, "", whole);
+    each("walls/peaks", s.wall_peaks, double{}, "", whole);
+    each("sleep/asleep", s.asleep, std::uint8_t{}, "", whole);
+    each("sleep/reference", s.sleep_reference, float{}, "N", whole);
+    each("sleep/balance", s.sleep_balance, std::int64_t{}, "", whole);
+    each("sleep/quiet", s.sleep_quiet, std::uint8_t{}, "", whole);
+    each("sleep/scalars", s.sleep_scalars, double{}, "", whole);
+    each("sleep/audited", s.sleep_audited, double{}, "", whole);
     each("ledger/sums", s.ledger, std::int64_t{}, "", whole);
     each("ledger/scalars", s.scalars, double{}, "", whole);
 }

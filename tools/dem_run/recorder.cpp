@@ -5,9 +5,11 @@
 #include "cli/signals.hpp"
 
 #include <algorithm>
+#include <cstring>
 #include <filesystem>
 #include <fmt/format.h>
 #include <limits>
+#include <utility>
 
 namespace talus::dem_run {
 
@@ -40,21 +42,30 @@ Vec3 output_shift(const Grains& grains, const parallel::Communicator& world) {
 
 Recorder::Recorder(io::TrajectoryWriter& writer, const engine::Scene& scene,
                    const engine::RunPosition& position, std::vector<std::string> fields, const Vec3& shift,
-                   StopRules rules, cli::Progress& progress, bool first_rank,
-                   std::function<void()> checkpoint)
+                   StopRules rules, OutputRules output, cli::Progress& progress,
+                   const parallel::Communicator& world, std::function<void()> checkpoint)
     : writer_(writer), scene_(scene), position_(position), fields_(std::move(fields)), shift_(shift),
-      rules_(std::move(rules)), progress_(progress), first_rank_(first_rank),
-      checkpoint_(std::move(checkpoint)) {
+      rules_(std::move(rules)), output_(output), travel_(scene.travel_intervals.size()), progress_(progress),
+      world_(world), first_rank_(world.rank() == 0), checkpoint_(std::move(checkpoint)) {
+    if (output_.change_tolerance)
+        changed_.emplace(*output_.change_tolerance);
     std::sort(fields_.begin(), fields_.end());
 }
 
 void Recorder::stage(const engine::Stage& stage, const engine::Simulation& s, std::size_t released) {
     released_ += released;
     writer_.stage({stage.name, s.steps(), s.time()});
+    full_ = true;
 }
 
 void Recorder::frame(const engine::Simulation& s) {
     engine::Snapshot now = s.snapshot();
+    std::vector<std::uint64_t> particles;
+    const bool full = std::exchange(full_, false) || !changed_;
+    if (changed_ && full)
+        changed_->write_all(now.position);
+    else if (changed_)
+        particles = changed_->write_changes(now.position);
     for (Vec3& x : now.position)
         x -= shift_;
     std::vector<io::TrajectoryWriter::Field> fields;
@@ -65,7 +76,128 @@ void Recorder::frame(const engine::Simulation& s) {
                                                                        : now.force;
         fields.emplace_back(name, values);
     }
-    writer_.frame(s.steps(), s.time(), fields);
+    if (full) {
+        writer_.frame(s.steps(), s.time(), fields);
+        return;
+    }
+    std::vector<std::vector<Vec3>> part(fields.size());
+    for (std::size_t f = 0; f < fields.size(); ++f) {
+        for (const std::uint64_t row : particles)
+            part[f].push_back(fields[f].second[row]);
+        fields[f].second = part[f];
+    }
+    for (std::uint64_t& row : particles)
+        row += s.first_id();
+    writer_.changes(s.steps(), s.time(), particles, fields, rows_of(particles.size()));
+}
+
+/// Where this rank's rows of a table stand.
+io::Rows Recorder::rows_of(std::size_t count) const {
+    io::Rows rows;
+    const std::vector<std::uint64_t> counts = world_.gather(std::uint64_t{count});
+    for (std::size_t r = 0; r < counts.size(); ++r) {
+        rows.total += counts[r];
+        rows.first += r < static_cast<std::size_t>(world_.rank()) ? counts[r] : 0;
+    }
+    return rows;
+}
+
+void Recorder::positions(const engine::Simulation& s, unsigned kinds) {
+    if (position_.stage < output_.travel_from)
+        return;
+    const std::vector<Vec3> now = s.positions();
+    const bool begins = position_.stage == output_.travel_from && position_.stage_start == s.steps();
+    if (begins)
+        travel_start_ = s.steps();
+    for (std::size_t k = 0; k < travel_.size(); ++k)
+        if (begins)
+            travel_[k].start(now);
+        else if (kinds & (1u << k))
+            travel_[k].add(now);
+}
+
+namespace {
+
+const std::string travel_names[] = {"travel_distance", "travel_distance_fine"};
+
+template <class Scalar, class Value>
+io::Column as_column(const std::string& name, const std::vector<Value>& values, const char* unit,
+                     io::Rows rows) {
+    static_assert(sizeof(Value) % sizeof(Scalar) == 0);
+    constexpr std::size_t width = sizeof(Value) / sizeof(Scalar);
+    std::vector<Scalar> data(width * values.size());
+    if (!values.empty())
+        std::memcpy(data.data(), values.data(), values.size() * sizeof(Value));
+    return {name, std::move(data), width, unit, rows};
+}
+
+template <class Scalar, class Value>
+void read_column(const io::CheckpointReader& file, const std::string& name, std::uint64_t first,
+                 std::uint64_t count, std::vector<Value>& values) {
+    if (!file.has(name))
+        throw Error(ExitCode::input_invalid,
+                    "checkpoint: column " + name +
+                        " is missing; resume with the output settings that the run began with");
+    const io::Column column = file.read(name, first, count);
+    const auto* data = std::get_if<std::vector<Scalar>>(&column.data);
+    constexpr std::size_t width = sizeof(Value) / sizeof(Scalar);
+    if (data == nullptr || data->size() != width * count)
+        throw Error(ExitCode::input_invalid, "checkpoint: column " + name + " has the wrong type or width");
+    values.resize(count);
+    if (count > 0)
+        std::memcpy(static_cast<void*>(values.data()), data->data(), data->size() * sizeof(Scalar));
+}
+
+} // namespace
+
+void Recorder::save(io::CheckpointFile& file) const {
+    if (changed_ && !changed_->state().written.empty()) {
+        const auto& state = changed_->state();
+        const io::Rows rows = rows_of(state.written.size());
+        file.columns.push_back(as_column<double>("output/written_position", state.written, "m", rows));
+        file.columns.push_back(as_column<std::uint8_t>("output/changed_last", state.last, "", rows));
+    }
+    for (std::size_t k = 0; k < travel_.size(); ++k) {
+        if (!world_.any(travel_[k].started()))
+            continue;
+        const auto& state = travel_[k].state();
+        const io::Rows rows = rows_of(state.distance.size());
+        file.columns.push_back(as_column<double>("output/" + travel_names[k], state.distance, "m", rows));
+        file.columns.push_back(
+            as_column<double>("output/" + travel_names[k] + "_position", state.position, "m", rows));
+    }
+    file.attributes["travel_start"] = travel_start_;
+}
+
+void Recorder::restore(const io::CheckpointReader& file, bool goes_on, std::uint64_t first,
+                       std::uint64_t count) {
+    full_ = !goes_on;
+    if (changed_ && goes_on) {
+        measure::ChangedParticles::State state;
+        read_column<double>(file, "output/written_position", first, count, state.written);
+        read_column<std::uint8_t>(file, "output/changed_last", first, count, state.last);
+        changed_->restore(std::move(state));
+    }
+    const io::Attributes attributes = file.attributes();
+    if (const auto it = attributes.find("travel_start"); it != attributes.end())
+        travel_start_ = std::get<std::int64_t>(it->second);
+    for (std::size_t k = 0; k < travel_.size(); ++k) {
+        if (position_.stage < output_.travel_from)
+            continue;
+        measure::WayLength::State state;
+        read_column<double>(file, "output/" + travel_names[k], first, count, state.distance);
+        read_column<double>(file, "output/" + travel_names[k] + "_position", first, count, state.position);
+        travel_[k].restore(std::move(state));
+    }
+}
+
+void Recorder::finish(const engine::Simulation& s) {
+    for (std::size_t k = 0; k < travel_.size(); ++k)
+        if (world_.any(travel_[k].started()))
+            writer_.column(travel_names[k], "m", travel_[k].state().distance,
+                           {{"interval", scene_.travel_intervals[k]},
+                            {"from_step", static_cast<double>(travel_start_)},
+                            {"from_time", static_cast<double>(travel_start_) * s.time_step().step}});
 }
 
 void Recorder::series(const engine::Simulation& s) {
@@ -95,6 +227,26 @@ void Recorder::series(const engine::Simulation& s) {
             row.emplace_back(prefix + "force_" + "xyz"[k], loads[w].force[k]);
             row.emplace_back(prefix + "torque_" + "xyz"[k], loads[w].torque[k]);
         }
+    const std::vector<engine::Simulation::WallLoad> monitors = s.monitor_loads();
+    for (std::size_t m = 0; m < monitors.size(); ++m)
+        for (int k = 0; k < 3; ++k) {
+            const std::string prefix = "monitors/" + scene_.monitors[m].name + "/";
+            row.emplace_back(prefix + "force_" + "xyz"[k], monitors[m].force[k]);
+            row.emplace_back(prefix + "torque_" + "xyz"[k], monitors[m].torque[k]);
+        }
+    if (scene_.shaking) {
+        const engine::GroundMotion ground = s.ground_motion();
+        for (int k = 0; k < 3; ++k) {
+            row.emplace_back(std::string("ground/acceleration_") + "xyz"[k], ground.acceleration[k]);
+            row.emplace_back(std::string("ground/velocity_") + "xyz"[k], ground.velocity[k]);
+            row.emplace_back(std::string("ground/displacement_") + "xyz"[k], ground.displacement[k]);
+        }
+    }
+    if (!scene_.strength_reductions.empty()) {
+        const std::vector<double> factors = s.strength_factors();
+        for (std::size_t k = 0; k < factors.size(); ++k)
+            row.emplace_back(fmt::format("strength_reduction/{}/factor", k), factors[k]);
+    }
     if (scene_.triaxial) {
         if (const auto grain = s.outside_membrane())
             throw Error(

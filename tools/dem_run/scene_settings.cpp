@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "dem_run/scene_settings.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <fmt/format.h>
 
 namespace talus::dem_run {
@@ -57,6 +59,7 @@ SceneSettings::SceneSettings(cli::Settings& s) : settings_(s) {
     s.vec3("box.upper", box_.upper, Unit::length, "upper corner");
     s.flags3("box.periodic", box_.periodic, "periodic directions");
     add_walls();
+    add_monitors();
 
     s.optional_number("time.end", end_, Unit::time, "end of the run, where there are no stages",
                       cli::positive);
@@ -67,7 +70,13 @@ SceneSettings::SceneSettings(cli::Settings& s) : settings_(s) {
     s.flag("time.allow_unstable", scene_.allow_unstable, "accept a step above the stable limit");
     s.number("damping.viscous", scene_.viscous_damping, Unit::frequency, "force -c m v; for settling",
              cli::not_negative);
-    s.number("sleep.tolerance", sleep_tolerance_, Unit::none, "0: nothing sleeps", cli::not_negative);
+    s.number("sleep.tolerance", scene_.sleep_tolerance, Unit::none,
+             "of the weight: regions sleep whose forces are balanced to this, and wake where forces changed "
+             "by five times "
+             "as much; 0: nothing sleeps",
+             {0, 1});
+    s.flag("sleep.audit", scene_.sleep_audit,
+           "now and then wakes a hundredth of the sleepers and reports how wrong they were");
     s.choice("precision", precision_, {"double", "mixed"}, "arithmetic of the contact loop");
     s.number("skin", scene_.skin, Unit::none,
              "reach of the candidate list beyond touch, of the largest radius", {0, 2, true, false});
@@ -83,9 +92,116 @@ SceneSettings::SceneSettings(cli::Settings& s) : settings_(s) {
              "between rows of the series; 0: with every frame", cli::not_negative);
     s.strings("output.fields", fields, "of position, velocity, angular_velocity, force");
     s.flag("output.float64", float64, "frames in double precision");
+    add_output();
     add_stages();
+    add_triggers();
     add_triaxial();
     s.check([this] { check(); });
+}
+
+void SceneSettings::add_output() {
+    cli::Settings& s = settings_;
+    s.flag("output.changed_only", changed_only,
+           "frames between the first of a stage and the last one hold only grains that moved");
+    s.optional_number("output.change_tolerance", change_tolerance, Unit::length,
+                      "with changed_only: a grain has moved that is further than this from where it was last "
+                      "written; auto: 0.01 of the smallest radius",
+                      cli::not_negative);
+    s.flag("output.surface_labels", surface_labels,
+           "write each grain's initial depth below the surface, and whether it lay at the surface");
+    s.optional_number(
+        "output.travel_interval", travel_interval_, Unit::time,
+        "add up each grain's travel distance (Eq. 25) at this interval, frames or not; auto: do "
+        "not",
+        cli::positive);
+    s.optional_number("output.travel_interval_fine", travel_interval_fine_, Unit::time,
+                      "the same at a second interval, into the field travel_distance_fine", cli::positive);
+    s.text("output.travel_from", travel_from,
+           "stage from whose start on travel counts; empty: the first that releases, or the first");
+}
+
+/// Registers the keys of a region below `key`.
+void SceneSettings::add_area(cli::Settings& e, const std::string& key, AreaText& area, Vec3& lower,
+                             Vec3& upper) {
+    e.text(key + ".outline", area.outline, "file of polygons (GeoJSON and others)");
+    e.vec3(key + ".lower", lower, Unit::length, "lower corner of a box, in map coordinates");
+    e.vec3(key + ".upper", upper, Unit::length, "upper corner of a box, in map coordinates");
+    e.check([&e, key, &area, &lower, &upper] {
+        if (e.given(key + ".lower"))
+            area.lower = lower;
+        if (e.given(key + ".upper"))
+            area.upper = upper;
+        for (int k = 0; k < 3; ++k)
+            if (area.lower && area.upper && !(upper[k] > lower[k])) {
+                e.reject(key + ".upper", "found a corner not above lower, expected upper > lower");
+                return;
+            }
+    });
+}
+
+void SceneSettings::add_triggers() {
+    cli::Settings& s = settings_;
+    s.optional_section("shaking", "ground shaking, computed in the frame of the ground");
+    s.text("shaking.file", accelerogram,
+           "accelerogram: CSV with the columns time and ax, ay, az; units in the header, else s and m/s2");
+    s.text("shaking.stage", shaking_onset_.stage,
+           "stage with whose start the record's clock starts; empty: "
+           "the run's");
+    s.number("shaking.start", shaking_onset_.delay, Unit::time, "by which the record's clock starts later",
+             cli::not_negative);
+    s.number("shaking.scale", accelerogram_scale, Unit::none, "factor on all accelerations");
+    s.objects(
+        "strength_reduction",
+        [this](std::size_t index, cli::Settings& e) {
+            while (reductions_.size() <= index)
+                reductions_.push_back(std::make_unique<ReductionText>());
+            ReductionText& t = *reductions_[index];
+            e.numbers("times", t.times, Unit::time, "at which the factors hold; linear in between");
+            e.numbers("factors", t.factors, Unit::none, "on the strength, 0 to 1");
+            e.strings("of", t.of, "what weakens: bond, friction, or both");
+            e.text("stage", t.reduction.onset.stage,
+                   "stage with whose start these times start; empty: the run's");
+            e.number("start", t.reduction.onset.delay, Unit::time, "by which they start later",
+                     cli::not_negative);
+            add_area(e, "region", t.area, t.lower, t.upper);
+            e.check([&e, &t] {
+                if (t.times.empty() || t.times.size() != t.factors.size())
+                    e.reject("times", fmt::format("found {} times and {} factors, expected as many of both, "
+                                                  "one at least",
+                                                  t.times.size(), t.factors.size()));
+                for (std::size_t k = 1; k < t.times.size(); ++k)
+                    if (!(t.times[k] > t.times[k - 1])) {
+                        e.reject("times", "found times that do not rise, expected them in order");
+                        break;
+                    }
+                for (const double factor : t.factors)
+                    if (!(factor >= 0 && factor <= 1)) {
+                        e.reject("factors", fmt::format("found {}, expected 0 to 1", factor));
+                        break;
+                    }
+                if (t.of.empty())
+                    e.reject("of", "found nothing, expected bond, friction, or both");
+                for (const std::string& what : t.of)
+                    if (what != "bond" && what != "friction")
+                        e.reject("of", fmt::format("found \"{}\", expected bond, friction, or both", what));
+            });
+        },
+        "strength that goes down in time: {times, factors, of, stage, start, region}");
+}
+
+std::vector<SceneSettings::AreaText> SceneSettings::weakening_areas() const {
+    std::vector<AreaText> areas;
+    for (const auto& t : reductions_)
+        areas.push_back(t->area);
+    return areas;
+}
+
+std::vector<SceneSettings::AreaText> SceneSettings::release_areas() const {
+    std::vector<AreaText> areas;
+    for (const auto& t : stages_)
+        if (t->release && t->area.given())
+            areas.push_back(t->area);
+    return areas;
 }
 
 void SceneSettings::add_materials() {
@@ -117,7 +233,16 @@ void SceneSettings::add_walls() {
             e.text("name", w.name, "its name in the series");
             e.vec3("plane.point", w.point, Unit::length, "a point of the plane");
             e.vec3("plane.normal", w.normal, Unit::none, "towards the grains");
-            e.text("mesh", w.mesh, "surface file");
+            e.text(
+                "mesh", w.mesh,
+                "instead of the plane: a surface (STL, OFF, PLY, OBJ), open or closed, touched from either "
+                "side; in map coordinates, of which the model's origin is taken off");
+            e.optional_number("map.cell", w.cell, Unit::length,
+                              "of a plane: record the pressure on square cells of this size (a mesh has its "
+                              "triangles)",
+                              cli::positive);
+            e.number("map.half_width", w.half_width, Unit::length,
+                     "of the square of cells around plane.point", cli::positive);
             e.vec3("velocity", w.velocity, Unit::velocity, "of the wall");
             e.optional_number("material.youngs_modulus", w.youngs_modulus, Unit::pressure,
                               "auto: the grains'", cli::positive);
@@ -128,13 +253,54 @@ void SceneSettings::add_walls() {
             e.optional_number("material.friction", w.friction, Unit::none,
                               "between grain and wall; auto: the grains'", cli::not_negative);
             e.check([&e, &w] {
-                if (!w.mesh.empty())
-                    e.reject("mesh", "found a mesh, expected a plane: walls of this version are planes");
+                if (!w.mesh.empty() && e.given("plane"))
+                    e.reject("mesh", "found a mesh and a plane, expected one of them");
+                if (w.name.empty() || w.name == "." || w.name.find('/') != std::string::npos)
+                    e.reject("name", fmt::format("found \"{}\", expected a name without /", w.name));
+                if (!w.mesh.empty() && w.cell)
+                    e.reject("map.cell",
+                             "found cells and a mesh, expected none: the map is of its triangles");
+                if (!w.cell && e.given("map"))
+                    e.reject("map", "found no map.cell, expected the size of the cells");
+                if (w.cell && w.half_width / *w.cell > 1000)
+                    e.reject("map.cell", fmt::format("found {} cells along each side, expected 2000 at most",
+                                                     std::ceil(2 * w.half_width / *w.cell)));
                 if (norm(w.normal) == 0)
                     e.reject("plane.normal", "found a zero vector, expected a direction");
             });
         },
-        "plane walls: {name, plane: {point, normal}, velocity, material}");
+        "walls: {name, plane: {point, normal} or mesh, velocity, material, map}");
+}
+
+void SceneSettings::add_monitors() {
+    settings_.objects(
+        "monitors",
+        [this](std::size_t index, cli::Settings& e) {
+            while (monitors_.size() <= index)
+                monitors_.push_back(std::make_unique<engine::Monitor>());
+            engine::Monitor& m = *monitors_[index];
+            m.name = fmt::format("monitor{}", index);
+            e.text("name", m.name, "its name in the series");
+            e.vec3("box.lower", m.lower, Unit::length, "lower corner, in map coordinates");
+            e.vec3("box.upper", m.upper, Unit::length, "upper corner, in map coordinates");
+            e.check([&e, &m] {
+                for (int k = 0; k < 3; ++k)
+                    if (!(m.upper[k] > m.lower[k])) {
+                        e.reject("box.upper", "found a corner not above box.lower, expected upper > lower");
+                        return;
+                    }
+                if (m.name.empty() || m.name == "." || m.name.find('/') != std::string::npos)
+                    e.reject("name", fmt::format("found \"{}\", expected a name without /", m.name));
+            });
+        },
+        "structures of fixed grains, whose load goes into the series: {name, box: {lower, upper}}");
+}
+
+std::vector<std::string> SceneSettings::mesh_files() const {
+    std::vector<std::string> files;
+    for (const auto& w : walls_)
+        files.push_back(w->mesh);
+    return files;
 }
 
 void SceneSettings::add_stages() {
@@ -158,7 +324,10 @@ void SceneSettings::add_stages() {
                      "released mass too");
             e.optional_number("damping.viscous", t.viscous, Unit::frequency, "instead of the scene's",
                               cli::not_negative);
+            add_area(e, "release_area", t.area, t.lower, t.upper);
             e.check([&e, &t] {
+                if (t.area.given() && !t.release)
+                    e.reject("release", "found a release_area without release, expected release: true");
                 if (t.until == "rest" && !t.limit)
                     e.reject("until",
                              "found no /limit with it, expected the longest time to wait, such as \"20s\"");
@@ -209,6 +378,7 @@ void SceneSettings::check() const {
     const bool test = settings_.given("triaxial");
     const std::pair<const char*, bool> of_others[] = {{"stages", !stages_.empty()},
                                                       {"walls", !walls_.empty()},
+                                                      {"monitors", !monitors_.empty()},
                                                       {"time.end", end_.has_value()},
                                                       {"box", settings_.given("box")}};
     for (const auto& [key, found] : of_others)
@@ -216,9 +386,40 @@ void SceneSettings::check() const {
             settings_.reject(key, "found beside triaxial, expected none: the test brings its own");
     if (test && norm(scene_.gravity) != 0 && scene_.gravity != engine::Scene{}.gravity)
         settings_.reject("gravity", "found some beside triaxial, expected none: the test is without gravity");
-    if (sleep_tolerance_ != 0)
+    for (const auto& [key, found] :
+         {std::pair{"shaking", settings_.given("shaking")}, {"strength_reduction", !reductions_.empty()}})
+        if (test && found)
+            settings_.reject(key, "found beside triaxial, expected none: the specimen stands on platens");
+    if (settings_.given("shaking") && accelerogram.empty())
+        settings_.reject("shaking", "found no /shaking/file, expected an accelerogram");
+    std::vector<std::pair<std::string, std::string>> named{{"shaking.stage", shaking_onset_.stage},
+                                                           {"output.travel_from", travel_from}};
+    for (std::size_t k = 0; k < reductions_.size(); ++k)
+        named.emplace_back(fmt::format("strength_reduction.{}.stage", k),
+                           reductions_[k]->reduction.onset.stage);
+    for (const auto& [key, name] : named)
+        if (!name.empty() && std::none_of(stages_.begin(), stages_.end(),
+                                          [&](const auto& stage) { return stage->name == name; }))
+            settings_.reject(key, fmt::format("found \"{}\", expected the name of a stage", name));
+    if (travel_interval_fine_ && !travel_interval_)
+        settings_.reject("output.travel_interval_fine",
+                         "found one without output.travel_interval, expected that for a single interval");
+    if (!travel_from.empty() && !travel_interval_)
+        settings_.reject("output.travel_from", "found a stage but no output.travel_interval, expected both");
+    if (change_tolerance && !changed_only)
+        settings_.reject("output.change_tolerance",
+                         "found one without output.changed_only, expected changed_only: true");
+    for (std::size_t k = 0; k < reductions_.size(); ++k)
+        if (!settings_.given("bond") && reductions_[k]->of == std::vector<std::string>{"bond"})
+            settings_.reject(fmt::format("strength_reduction.{}.of", k),
+                             "found bonds that weaken, but the scene has none, expected /bond");
+    if (scene_.sleep_tolerance > 0 && test)
         settings_.reject("sleep.tolerance",
-                         "found a value above 0, expected 0: this version computes every grain");
+                         "found a value above 0 beside triaxial, expected 0: nothing rests there");
+    if (scene_.sleep_tolerance > 0 && norm(scene_.gravity) == 0)
+        settings_.reject(
+            "sleep.tolerance",
+            "found a value above 0 without gravity, expected 0: rest is measured against the weight");
     const bool linear = law_ == "linear";
     if (linear && !(linear_.normal_stiffness > 0))
         settings_.reject("contact.normal_stiffness",
@@ -264,6 +465,12 @@ void SceneSettings::check() const {
                 settings_.reject(
                     "walls",
                     fmt::format("found two walls named \"{}\", expected different names", walls_[a]->name));
+    for (std::size_t a = 0; a < monitors_.size(); ++a)
+        for (std::size_t b = 0; b < a; ++b)
+            if (monitors_[a]->name == monitors_[b]->name)
+                settings_.reject("monitors",
+                                 fmt::format("found two monitors named \"{}\", expected different names",
+                                             monitors_[a]->name));
 }
 
 engine::Scene SceneSettings::scene() const {
@@ -297,8 +504,14 @@ engine::Scene SceneSettings::scene() const {
         m.poissons_ratio = w->poissons_ratio.value_or(m.poissons_ratio);
         m.restitution = w->restitution.value_or(m.restitution);
         m.friction = w->friction.value_or(m.friction);
-        scene.walls.push_back({w->name, w->point, w->normal, w->velocity, m});
+        engine::Wall wall{w->name, w->point, w->normal, w->velocity, m};
+        if (w->cell)
+            wall.patches = engine::PatchGrid{*w->cell, w->half_width};
+        scene.walls.push_back(wall);
     }
+    std::uint8_t area_mark = 2; // as tiling::release_marks has them
+    for (const auto& m : monitors_)
+        scene.monitors.push_back(*m);
     for (const auto& t : stages_) {
         engine::Stage stage;
         stage.name = t->name;
@@ -308,8 +521,23 @@ engine::Scene SceneSettings::scene() const {
         stage.release = t->release;
         stage.release_mass = t->release_bonds == "mass";
         stage.viscous_damping = t->viscous;
+        stage.release_marks = t->release && t->area.given() ? area_mark : 1;
+        if (t->release && t->area.given())
+            area_mark = static_cast<std::uint8_t>(area_mark << 1);
         scene.stages.push_back(stage);
     }
+    for (const auto& t : reductions_) {
+        engine::StrengthReduction& reduction = scene.strength_reductions.emplace_back(t->reduction);
+        for (std::size_t k = 0; k < t->times.size(); ++k)
+            reduction.factor.push_back({t->times[k], t->factors[k]});
+        reduction.bond = std::find(t->of.begin(), t->of.end(), "bond") != t->of.end();
+        reduction.friction = std::find(t->of.begin(), t->of.end(), "friction") != t->of.end();
+    }
+    if (settings_.given("shaking"))
+        scene.shaking.emplace().onset = shaking_onset_;
+    for (const auto& interval : {travel_interval_, travel_interval_fine_})
+        if (interval)
+            scene.travel_intervals.push_back(*interval);
     if (settings_.given("triaxial")) {
         scene.triaxial = triaxial_;
         scene.gravity = {};

@@ -24,6 +24,7 @@ ExplicitColumns::ExplicitColumns(const hdf::File& to, const ExplicitFrame& frame
     : frame_(frame), root_(to.root()), particles_(root_.create_group("particles/all")),
       position_(particles_, "position", "m", checksum, 3), radius_(particles_, "radius", "m", compressed),
       species_(particles_, "species", "", compressed), release_(particles_, "release", "", compressed),
+      material_(particles_, "material", "", compressed),
       pair_(root_, "connectivity/contacts", "", compressed, 2),
       image_(root_, "granular/contacts/image", "", compressed, 3),
       overlap_(root_, "granular/contacts/normal_overlap", "m", checksum) {
@@ -50,6 +51,10 @@ void ExplicitColumns::add(const Grains& grains) {
     if (frame_.release) {
         check_length(context, group + "release", grains.release.size(), n);
         release_.append(grains.release.data(), n);
+    }
+    if (frame_.material) {
+        check_length(context, group + "material", grains.material.size(), n);
+        material_.append(grains.material.data(), n);
     }
     const ContactTable& contacts = grains.contacts;
     const std::size_t m = contacts.size();
@@ -99,6 +104,8 @@ std::string ExplicitColumns::finish(const std::string& path) {
         mark("species", species_);
     if (frame_.release)
         mark("release", release_);
+    if (frame_.material)
+        mark("material", material_);
     if (contacts_ > 0) {
         link_to_particles(root_, pair_.finish());
         image_.finish();
@@ -137,7 +144,8 @@ ExplicitFileSize explicit_file_size(const Grains& grains, const ExplicitFrame& f
         return root.has(name) ? root.dataset(name).stored_size() : std::uint64_t{0};
     };
     ExplicitFileSize size;
-    for (const char* name : {"particles/all/radius", "particles/all/species", "particles/all/release"})
+    for (const char* name : {"particles/all/radius", "particles/all/species", "particles/all/release",
+                             "particles/all/material"})
         size.compressed_particles += stored(name);
     for (const char* name : {"connectivity/contacts", "granular/contacts/image"})
         size.compressed_contacts += stored(name);

@@ -26,7 +26,7 @@ private:
     std::uint64_t contacts_ = 0; ///< so far
     std::int64_t largest_partner_ = -1;
     StreamedColumn<double> position_, radius_;
-    StreamedColumn<std::uint8_t> species_, release_;
+    StreamedColumn<std::uint8_t> species_, release_, material_;
     StreamedColumn<std::int64_t> pair_;
     StreamedColumn<std::int8_t> image_;
     StreamedColumn<double> overlap_;

@@ -17,6 +17,7 @@ struct ExplicitFrame {
     std::optional<Box> box;        ///< m, relative to `origin`
     bool species = false;          ///< the model has this column
     bool release = false;          ///< and this one
+    bool material = false;         ///< and this one
 };
 
 /// Writes an explicit model of any size without holding it: the same datasets as write_model(), particles by

@@ -6,7 +6,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <fmt/format.h>
+#include <optional>
 #include <utility>
 
 namespace talus::io {
@@ -55,7 +57,8 @@ Vec3 vector_of(const hdf::Group& group, const std::string& name) {
 
 } // namespace
 
-void write_table(const hdf::Group& group, const std::deque<TiledModel::Tile>& tiles, double edge) {
+void write_table(const hdf::Group& group, const std::deque<TiledModel::Tile>& tiles,
+                 const TiledModel& frame) {
     using Tile = TiledModel::Tile;
     const std::size_t n = tiles.size();
     // One column of values at a time in memory.
@@ -77,7 +80,8 @@ void write_table(const hdf::Group& group, const std::deque<TiledModel::Tile>& ti
     write.operator()<std::uint64_t, 1>("first_particle", "",
                                        [](const Tile& t) { return array{t.first_particle}; });
     // Relative to the origin: for pictures only.
-    write.operator()<float, 3>("centre", "m", [edge](const Tile& t) {
+    write.operator()<float, 3>("centre", "m", [&frame](const Tile& t) {
+        const double edge = frame.edge_of(t.box);
         return array{(t.index[0] + 0.5) * edge, (t.index[1] + 0.5) * edge, (t.index[2] + 0.5) * edge};
     });
 }
@@ -116,8 +120,14 @@ TiledColumns::TiledColumns(const hdf::File& to, const TiledModel& model)
       release_(tiling_, "release_mask") {
     check_frame(to.context(), model);
     const hdf::Group root = to.root();
-    for (std::size_t b = 0; b < model.boxes.size(); ++b)
-        write_packing(root.create_group(fmt::format("granular/boxes/{:04}", b)), model.boxes[b]);
+    for (std::size_t b = 0; b < model.boxes.size(); ++b) {
+        const hdf::Group group = root.create_group(fmt::format("granular/boxes/{:04}", b));
+        write_packing(group, model.boxes[b]);
+        if (model.strata.empty())
+            continue;
+        group.set("scale", model.strata[b].scale);
+        group.set("material", std::int64_t{model.strata[b].material});
+    }
     tiling_ = root.create_group("granular/tiling");
     tiling_.set("scale", model.scale);
     tiling_.set("edge", model.edge());
@@ -162,7 +172,7 @@ std::string TiledColumns::finish(const std::string& path) {
     fixed_.finish();
     release_.finish();
     tiling_.set("particle_count", static_cast<std::int64_t>(check_.next()));
-    write_table(tiling_, tiles_, model_.edge());
+    write_table(tiling_, tiles_, model_);
     const std::size_t n = tiles_.size();
     const std::string where = "/granular/tiling/";
     return xdmf_points(
@@ -194,8 +204,18 @@ TiledModel read_tile_table(const hdf::File& from) {
     const hdf::Group root = from.root();
     TiledModel model;
     const hdf::Group boxes = root.group("granular/boxes");
-    for (const std::string& name : boxes.names())
-        model.boxes.push_back(read_packing(boxes.group(name)));
+    for (const std::string& name : boxes.names()) {
+        const hdf::Group group = boxes.group(name);
+        model.boxes.push_back(read_packing(group));
+        const std::optional<double> scale = group.number("scale"); // of a stratum
+        if (!scale)
+            continue;
+        const double material = group.number("material").value_or(0);
+        if (!(material >= 0 && material <= 255 && material == std::floor(material)))
+            from.context().fail(group.path(),
+                                fmt::format("material is {}; a number from 0 to 255 was expected", material));
+        model.strata.push_back({*scale, static_cast<std::uint8_t>(material)});
+    }
 
     const hdf::Group tiling = root.group("granular/tiling");
     model.scale = tiling.number("scale").value_or(0);

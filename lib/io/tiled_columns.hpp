@@ -55,8 +55,9 @@ private:
     std::size_t filled_ = 0; ///< bytes of the masks' present chunk
 };
 
-/// The table of tiles.
-void write_table(const hdf::Group& group, const std::deque<TiledModel::Tile>& tiles, double edge);
+/// The table of tiles of a model with this frame.
+void write_table(const hdf::Group& group, const std::deque<TiledModel::Tile>& tiles,
+                 const TiledModel& frame);
 
 /// A tiled model without its masks, checked.
 TiledModel read_tile_table(const hdf::File& from);

@@ -125,6 +125,7 @@ TiledModel TiledReader::part(std::size_t first, std::size_t last) const {
     TiledModel model;
     model.boxes = table.boxes;
     model.scale = table.scale;
+    model.strata = table.strata;
     model.origin = table.origin;
     model.coordinate_system = table.coordinate_system;
     model.domain = table.domain;
@@ -152,12 +153,12 @@ TiledFileSize tiled_file_size(const TiledModel& model, const Provenance& provena
     return size;
 }
 
-std::uint64_t tile_table_size(const std::deque<TiledModel::Tile>& tiles, double edge) {
+std::uint64_t tile_table_size(const std::deque<TiledModel::Tile>& tiles, const TiledModel& frame) {
     hdf::Writers nowhere;
     nowhere.in_memory = true;
     const hdf::File to = create_file("size", "size", FileKind::model, {}, "", nowhere);
     const hdf::Group group = to.root().create_group("granular/tiling");
-    write_table(group, tiles, edge);
+    write_table(group, tiles, frame);
     to.flush();
     std::uint64_t bytes = 0;
     for (const std::string& name : group.names())

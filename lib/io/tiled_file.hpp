@@ -14,7 +14,7 @@ namespace talus::io {
 /// Writes a tiled model of any size without holding its masks: as write_model() does, tiles by tiles.
 class TiledWriter {
 public:
-    /// @param frame boxes, scale, origin, system and domain; its tiles are not looked at
+    /// @param frame boxes, scales, strata, origin, system and domain; its tiles are not looked at
     /// @throws Error as write_model()
     TiledWriter(const std::string& path, TiledModel frame, const Provenance& provenance,
                 const std::string& config, bool overwrite);
@@ -63,7 +63,7 @@ struct TiledFileSize {
 };
 TiledFileSize tiled_file_size(const TiledModel& model, const Provenance& provenance,
                               const std::string& config);
-/// The table's part of it.
-std::uint64_t tile_table_size(const std::deque<TiledModel::Tile>& tiles, double edge);
+/// The table's part of it, in a model with this frame.
+std::uint64_t tile_table_size(const std::deque<TiledModel::Tile>& tiles, const TiledModel& frame);
 
 } // namespace talus::io

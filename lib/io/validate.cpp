@@ -144,10 +144,18 @@ void check_frame(const hdf::Context& context, const TiledModel& model) {
         context.fail("/granular/boxes", "holds no PG box; make the model anew");
     for (std::size_t b = 0; b < model.boxes.size(); ++b) {
         check_pgbox(context, fmt::format("/granular/boxes/{:04}", b), model.boxes[b]);
-        if (model.boxes[b].length != model.boxes.front().length)
+        if (model.strata.empty() && model.boxes[b].length != model.boxes.front().length)
             context.fail(fmt::format("/granular/boxes/{:04}", b),
                          "differs in length from box 0; use boxes of one length");
     }
+    if (!model.strata.empty() && model.strata.size() != model.boxes.size())
+        context.fail("/granular/boxes", fmt::format("{} of {} have a stratum; all or none must",
+                                                    model.strata.size(), model.boxes.size()));
+    for (std::size_t b = 0; b < model.strata.size(); ++b)
+        if (!(model.strata[b].scale > 0) || !std::isfinite(model.strata[b].scale))
+            context.fail(
+                fmt::format("/granular/boxes/{:04}", b),
+                fmt::format("scale is {}; a finite number above 0 is needed", model.strata[b].scale));
     if (!(model.scale > 0) || !std::isfinite(model.scale))
         context.fail(tiling, fmt::format("scale is {}; a finite number above 0 is needed", model.scale));
     if (!is_finite(model.origin) || !is_finite(model.domain.lower) || !is_finite(model.domain.upper))

@@ -64,7 +64,7 @@ FileForecast forecast_file(const TrimForecast& f, std::optional<ContactsWanted> 
     if (!explicit_form) {
         const io::TiledFileSize size = io::tiled_file_size(f.sample, provenance, config);
         result.bytes = size.others + scaled(size.masks, all.tiles_cut, some.tiles_cut) +
-                       (f.table.empty() ? size.table : io::tile_table_size(f.table, f.sample.edge()));
+                       (f.table.empty() ? size.table : io::tile_table_size(f.table, f.sample));
         result.memory = tiles * (sizeof(TiledModel::Tile) + 3 * sizeof(std::int32_t)) +
                         tiled_buffers(all, f.sample.boxes.front().size());
         return result;
@@ -100,7 +100,8 @@ FileForecast forecast_file(const TrimForecast& f, std::optional<ContactsWanted> 
                   : static_cast<std::uint64_t>(std::llround(f.contacts_per_particle * share *
                                                             static_cast<double>(all.particle_count)));
     const io::ExplicitFrame frame{f.sample.origin, f.sample.coordinate_system, f.sample.domain,
-                                  !f.sample.fixed_mask.empty(), !f.sample.release_mask.empty()};
+                                  !f.sample.fixed_mask.empty(), !f.sample.release_mask.empty(),
+                                  f.sample.has_materials()};
     const io::ExplicitFileSize size = io::explicit_file_size(grains, frame, provenance, config);
     result.bytes = size.others + io::ExplicitFileSize::plain(all.particle_count, result.contact_count) +
                    scaled(size.compressed_particles, all.particle_count, grains.size()) +

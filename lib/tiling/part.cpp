@@ -21,7 +21,10 @@ std::string describe(const Box& box) {
 
 /// Clear of rounding, relative to the lengths at hand (m).
 double slack(const TiledModel& table, const Box& box) {
-    return 1e-9 * (table.edge() + norm(box.lower) + norm(box.upper));
+    double edge = 0;
+    for (std::size_t b = 0; b < table.boxes.size(); ++b)
+        edge = std::max(edge, table.edge_of(b));
+    return 1e-9 * (edge + norm(box.lower) + norm(box.upper));
 }
 
 std::uint64_t count_bits(std::span<const std::uint8_t> mask) {
@@ -40,7 +43,8 @@ bool contains(const Box& box, const Vec3& point) {
 
 } // namespace
 
-Part::Part(const TiledModel& table, const Box& box) : table_(table), box_(box) {
+Part::Part(const TiledModel& table, const Box& box)
+    : table_(table), box_(box), margin_(slack(table, box)) {
     if (!is_finite(box.lower) || !is_finite(box.upper) || !(box.lower.x < box.upper.x) ||
         !(box.lower.y < box.upper.y) || !(box.lower.z < box.upper.z))
         throw Error(ExitCode::configuration_invalid,
@@ -50,10 +54,11 @@ Part::Part(const TiledModel& table, const Box& box) : table_(table), box_(box) {
     first_ = table.tiles.size();
     Box all{table.domain.upper, table.domain.lower, {}};
     for (std::size_t t = 0; t < table.tiles.size(); ++t) {
-        const Vec3 corner = tile_corner(table.tiles[t].index, table.edge());
+        const double edge = table.edge_of(table.tiles[t].box);
+        const Vec3 corner = tile_corner(table.tiles[t].index, edge);
         for (int k = 0; k < 3; ++k) {
             all.lower[k] = std::min(all.lower[k], corner[k]);
-            all.upper[k] = std::max(all.upper[k], corner[k] + table.edge());
+            all.upper[k] = std::max(all.upper[k], corner[k] + edge);
         }
         if (touches(table.tiles[t])) {
             first_ = std::min(first_, t);
@@ -69,19 +74,19 @@ Part::Part(const TiledModel& table, const Box& box) : table_(table), box_(box) {
 }
 
 bool Part::touches(const TiledModel::Tile& tile) const {
-    const Vec3 corner = tile_corner(tile.index, table_.edge());
-    const double margin = slack(table_, box_);
+    const double edge = table_.edge_of(tile.box);
+    const Vec3 corner = tile_corner(tile.index, edge);
     for (int k = 0; k < 3; ++k)
-        if (corner[k] + table_.edge() < box_.lower[k] - margin || corner[k] > box_.upper[k] + margin)
+        if (corner[k] + edge < box_.lower[k] - margin_ || corner[k] > box_.upper[k] + margin_)
             return false;
     return true;
 }
 
 bool Part::inside(const TiledModel::Tile& tile) const {
-    const Vec3 corner = tile_corner(tile.index, table_.edge());
-    const double margin = slack(table_, box_);
+    const double edge = table_.edge_of(tile.box);
+    const Vec3 corner = tile_corner(tile.index, edge);
     for (int k = 0; k < 3; ++k)
-        if (corner[k] < box_.lower[k] + margin || corner[k] + table_.edge() > box_.upper[k] - margin)
+        if (corner[k] < box_.lower[k] + margin_ || corner[k] + edge > box_.upper[k] - margin_)
             return false;
     return true;
 }
@@ -90,6 +95,7 @@ TiledModel Part::frame() const {
     TiledModel frame;
     frame.boxes = table_.boxes;
     frame.scale = table_.scale;
+    frame.strata = table_.strata;
     frame.origin = table_.origin;
     frame.coordinate_system = table_.coordinate_system;
     frame.domain = table_.domain;
@@ -126,9 +132,10 @@ TileBatch Part::cut(const TileBatch& tiles) {
         if (masked)
             std::copy_n(tiles.kept_mask.data() + mine, bytes, kept.data());
         if (!whole) {
-            const Vec3 corner = tile_corner(tile.index, table_.edge());
+            const Vec3 corner = tile_corner(tile.index, table_.edge_of(tile.box));
+            const double scale = table_.scale_of(tile.box);
             for (std::size_t row = 0; row < box.size(); ++row) {
-                const Vec3 centre = grain_position(corner, table_.scale, box.position[row]);
+                const Vec3 centre = grain_position(corner, scale, box.position[row]);
                 counts_.grains_tested += !masked || mask_bit(kept.data(), row) ? 1 : 0;
                 if (!contains(box_, centre))
                     kept[row / 8] = static_cast<std::uint8_t>(kept[row / 8] & ~(1u << (row % 8)));

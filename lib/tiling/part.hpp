@@ -34,6 +34,7 @@ private:
 
     const TiledModel& table_;
     Box box_;
+    double margin_; ///< m, clear of rounding
     std::size_t first_ = 0, last_ = 0;
     TrimCounts counts_;
 };

@@ -25,6 +25,12 @@ enum class Mark : std::uint8_t { outside, plain, fixed, released };
 /// grain by grain.
 enum class Cover : std::uint8_t { outside, plain, fixed, released, mixed };
 
+/// What a grain of one stratum found among the kept grains of the strata before it.
+struct Meeting {
+    bool dropped = false; ///< it overlaps one of them by more than is allowed
+    double overlap = 0;   ///< largest with one of them, in radii of the smaller grain of the two
+};
+
 /// The part of space that a model fills. Coordinates are relative to origin() (m). Const members may be
 /// called by several threads at once. `cover` must agree with `mark` for every grain in the box, to the last
 /// bit: where rounding could decide, it answers `mixed`.
@@ -38,6 +44,8 @@ public:
     virtual Bounds column(const Rectangle& base) const = 0;
     virtual Cover cover(const Vec3& lower, const Vec3& upper) const = 0;
     virtual Mark mark(const Vec3& centre, double radius) const = 0;
+    /// The same, and what decided it at an interface between strata.
+    virtual Mark mark(const Vec3& centre, double radius, Meeting&) const { return mark(centre, radius); }
     /// m3, to be filled with grains.
     virtual double volume() const = 0;
     /// Height of the upper surface above a point of the map; NaN where there is none or it is no single

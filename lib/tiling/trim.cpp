@@ -236,10 +236,16 @@ private:
                 if (sampling.stride > 1 && draw(index, row) % sampling.stride != 0)
                     continue;
                 ++counts.grains_tested;
-                keep(
-                    row,
-                    region_.mark(grain_position(corner, scale_, box.position[row]), box.radius[row] * scale_),
-                    sampling.stride);
+                Meeting met;
+                const Mark mark = region_.mark(grain_position(corner, scale_, box.position[row]),
+                                               box.radius[row] * scale_, met);
+                keep(row, mark, sampling.stride);
+                if (met.dropped) {
+                    counts.dropped_count += sampling.stride;
+                    counts.dropped_volume += grain_volume[row] * static_cast<double>(sampling.stride);
+                } else {
+                    counts.largest_overlap = std::max(counts.largest_overlap, met.overlap);
+                }
             }
         };
         const auto descend = [&](const auto& self, const BoxTree::Node& node, Cover cover) -> void {
@@ -274,18 +280,6 @@ private:
     std::vector<Variant> variants_;
     std::array<std::int64_t, 3> first_{}, count_{};
 };
-
-void add(TrimCounts& sum, const TrimCounts& part) {
-    sum.particle_count += part.particle_count;
-    sum.fixed_count += part.fixed_count;
-    sum.release_count += part.release_count;
-    sum.tiles_full += part.tiles_full;
-    sum.tiles_cut += part.tiles_cut;
-    sum.tiles_visited += part.tiles_visited;
-    sum.blocks_tested += part.blocks_tested;
-    sum.grains_tested += part.grains_tested;
-    sum.kept_volume += part.kept_volume;
-}
 
 /// Walks all columns, whichever thread is free taking the next, and hands them to `use(column)` in order, one
 /// at a time; so many columns at most are begun beyond the one that is due.
@@ -343,6 +337,23 @@ TrimCounts walk_all(const Walk& walk, const Sampling& sampling, ThreadTeam& team
     return counts;
 }
 
+} // namespace
+
+void add(TrimCounts& sum, const TrimCounts& part) {
+    sum.particle_count += part.particle_count;
+    sum.fixed_count += part.fixed_count;
+    sum.release_count += part.release_count;
+    sum.tiles_full += part.tiles_full;
+    sum.tiles_cut += part.tiles_cut;
+    sum.tiles_visited += part.tiles_visited;
+    sum.blocks_tested += part.blocks_tested;
+    sum.grains_tested += part.grains_tested;
+    sum.kept_volume += part.kept_volume;
+    sum.dropped_count += part.dropped_count;
+    sum.dropped_volume += part.dropped_volume;
+    sum.largest_overlap = std::max(sum.largest_overlap, part.largest_overlap);
+}
+
 void require_grains(std::uint64_t particle_count, double edge) {
     if (particle_count == 0)
         throw Error(
@@ -351,8 +362,6 @@ void require_grains(std::uint64_t particle_count, double edge) {
                         "larger region",
                         edge));
 }
-
-} // namespace
 
 double solid_volume_fraction(const PgBox& box) {
     double solid = 0;
@@ -395,11 +404,11 @@ TiledModel tiled_frame(std::span<const PgBox> boxes, double scale, const Region&
     return model;
 }
 
-TrimCounts trim(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
-                ThreadTeam& team, const TileSink& sink) {
+TrimCounts trim_or_nothing(std::span<const PgBox> boxes, std::uint64_t seed, double scale,
+                           const Region& region, ThreadTeam& team, const TileSink& sink) {
     const Walk walk(boxes, seed, scale, region);
     std::uint64_t first = 0;
-    const TrimCounts counts = walk_all(walk, {}, team, [&](Column& column) {
+    return walk_all(walk, {}, team, [&](Column& column) {
         if (column.batch.tiles.empty())
             return;
         for (TiledModel::Tile& tile : column.batch.tiles) {
@@ -408,7 +417,12 @@ TrimCounts trim(std::span<const PgBox> boxes, std::uint64_t seed, double scale, 
         }
         sink(column.batch);
     });
-    require_grains(counts.particle_count, walk.edge());
+}
+
+TrimCounts trim(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
+                ThreadTeam& team, const TileSink& sink) {
+    const TrimCounts counts = trim_or_nothing(boxes, seed, scale, region, team, sink);
+    require_grains(counts.particle_count, boxes.front().length * scale);
     return counts;
 }
 
@@ -518,6 +532,13 @@ void draw_kept(TrimForecast& forecast) {
 
 TrimForecast forecast(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
                       ThreadTeam& team, const ForecastLimits& limits) {
+    TrimForecast result = forecast_or_nothing(boxes, seed, scale, region, team, limits);
+    require_grains(result.counts.particle_count, boxes.front().length * scale);
+    return result;
+}
+
+TrimForecast forecast_or_nothing(std::span<const PgBox> boxes, std::uint64_t seed, double scale,
+                                 const Region& region, ThreadTeam& team, const ForecastLimits& limits) {
     const Walk walk(boxes, seed, scale, region);
     TrimForecast result;
     const auto nothing = [](Column&) {};
@@ -560,7 +581,6 @@ TrimForecast forecast(std::span<const PgBox> boxes, std::uint64_t seed, double s
         result.sample_stride = some_grains.stride;
         result.counts = walk_all(walk, some_grains, team, nothing);
     }
-    require_grains(result.counts.particle_count, walk.edge());
     result.contacts_per_particle = contacts_per_particle(
         boxes, result.sample, result.sample_counts.particle_count, region, limits.contacts);
     return result;

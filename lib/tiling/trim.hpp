@@ -22,6 +22,10 @@ struct TrimCounts {
     std::uint64_t blocks_tested = 0; ///< blocks of cut tiles asked for their cover
     std::uint64_t grains_tested = 0; ///< grains asked one by one
     double kept_volume = 0;          ///< m3, sum of the kept grains' spheres
+    // At interfaces to strata before this one:
+    std::uint64_t dropped_count = 0; ///< grains left out because they overlap others too much
+    double dropped_volume = 0;       ///< m3, sum of their spheres
+    double largest_overlap = 0;      ///< of those kept, in radii of the smaller grain
 };
 
 struct TrimResult {
@@ -55,6 +59,17 @@ TrimResult trim(const PgBox& box, double scale, const Region& region, ThreadTeam
 TrimCounts trim(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region,
                 ThreadTeam& team, const TileSink& sink);
 
+/// The same, where an empty result is none of the caller's errors.
+TrimCounts trim_or_nothing(std::span<const PgBox> boxes, std::uint64_t seed, double scale,
+                           const Region& region, ThreadTeam& team, const TileSink& sink);
+
+/// Adds all but `tiles_total` and `tiles_skipped`.
+void add(TrimCounts& sum, const TrimCounts& part);
+
+/// @throws Error(configuration_invalid) where nothing is kept
+/// @param edge m, of a tile
+void require_grains(std::uint64_t particle_count, double edge);
+
 /// Puts `batch` behind what the model has.
 void append(TiledModel& model, const TileBatch& batch);
 
@@ -85,5 +100,8 @@ TrimForecast forecast(std::span<const PgBox> boxes, std::uint64_t seed, double s
                       ThreadTeam& team, const ForecastLimits& limits = {});
 TrimForecast forecast(const PgBox& box, double scale, const Region& region, ThreadTeam& team,
                       const ForecastLimits& limits = {});
+/// The same, where an empty result is none of the caller's errors.
+TrimForecast forecast_or_nothing(std::span<const PgBox> boxes, std::uint64_t seed, double scale,
+                                 const Region& region, ThreadTeam& team, const ForecastLimits& limits);
 
 } // namespace talus::tiling

@@ -24,3 +24,11 @@ TILING ?=
 .PHONY: bench-tiling
 bench-tiling: build-tools
 	pipelines/bench/tiling --bin $(bin) --out results/bench-tiling $(TILING)
+
+# What sleep saves and what it changes: heap and slides with and without; a quarter of an hour on a machine that does nothing else.
+#   SLEEP   options of pipelines/bench/sleep, as SLEEP=--quick, SLEEP="--only heap --grains 20000"
+SLEEP ?=
+
+.PHONY: bench-sleep
+bench-sleep: build-tools
+	pipelines/bench/sleep --bin $(bin) --out results/bench-sleep $(SLEEP)

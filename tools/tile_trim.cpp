@@ -10,10 +10,12 @@
 #include "terrain/mesh.hpp"
 #include "terrain/raster.hpp"
 #include "tile_trim/region_settings.hpp"
+#include "tile_trim/strata_settings.hpp"
 #include "tiling/expanded_file.hpp"
 #include "tiling/family.hpp"
 #include "tiling/file_forecast.hpp"
 #include "tiling/part.hpp"
+#include "tiling/strata.hpp"
 #include "tiling/surface_quality.hpp"
 #include "tiling/trim.hpp"
 
@@ -124,10 +126,20 @@ void rewrite(cli::Tool& tool, const Options& options, const std::function<double
     tool.result(out);
 }
 
-nlohmann::json report(const tiling::TrimCounts& c, const PgBox& box, double scale,
-                      const tiling::Region& region, const RegionSettings& settings) {
+/// What a result says of the boxes; of several strata the uppermost's edge and scale.
+struct Filled {
+    double edge, scale, radius_max, solid_volume_fraction;
+};
+
+Filled filled_by(const PgBox& box, double scale) {
+    return {box.length * scale, scale, tiling::largest_radius(box) * scale,
+            tiling::solid_volume_fraction(box)};
+}
+
+nlohmann::json report(const tiling::TrimCounts& c, const Filled& filled, const tiling::Region& region,
+                      const RegionSettings& settings) {
     const Vec3 origin = region.origin();
-    const double solid = tiling::solid_volume_fraction(box), volume = region.volume();
+    const double solid = filled.solid_volume_fraction, volume = region.volume();
     nlohmann::json out{{"schema", "tile-trim"},
                        {"version", 1},
                        {"particle_count", c.particle_count},
@@ -140,9 +152,9 @@ nlohmann::json report(const tiling::TrimCounts& c, const PgBox& box, double scal
                        {"tiles_visited", c.tiles_visited},
                        {"blocks_tested", c.blocks_tested},
                        {"grains_tested", c.grains_tested},
-                       {"tile_edge", box.length * scale},
-                       {"scale", scale},
-                       {"radius_max", tiling::largest_radius(box) * scale},
+                       {"tile_edge", filled.edge},
+                       {"scale", filled.scale},
+                       {"radius_max", filled.radius_max},
                        {"kept_volume", c.kept_volume},
                        {"region_volume", volume},
                        {"box_solid_volume_fraction", solid},
@@ -162,6 +174,116 @@ void report_surface(const tiling::SurfaceQuality& q, nlohmann::json& out) {
             {"deepest", q.deepest},     {"share_above", q.share_above}, {"share_open", q.share_open}};
 }
 
+/// Of strata filled or to be filled: all together, each, and where they meet.
+nlohmann::json report_strata(const tiling::Strata& strata, const tiling::StrataCounts& counts,
+                             const tiling::Region& region, const RegionSettings& settings) {
+    Filled all = filled_by(strata.stratum(0).box, strata.stratum(0).scale);
+    all.solid_volume_fraction = counts.all.kept_volume / tiling::filled_volume(strata, counts);
+    nlohmann::json list = nlohmann::json::array();
+    for (std::size_t k = 0; k < strata.size(); ++k) {
+        const tiling::Stratum& s = strata.stratum(k);
+        const tiling::TrimCounts& c = counts.stratum[k];
+        const Filled own = filled_by(s.box, s.scale);
+        all.radius_max = std::max(all.radius_max, own.radius_max);
+        list.push_back({{"material", s.material},
+                        {"particle_count", c.particle_count},
+                        {"fixed_count", c.fixed_count},
+                        {"release_count", c.release_count},
+                        {"kept_volume", c.kept_volume},
+                        {"radius_max", own.radius_max},
+                        {"tile_edge", own.edge},
+                        {"scale", own.scale},
+                        {"box_solid_volume_fraction", own.solid_volume_fraction},
+                        {"dropped_count", c.dropped_count},
+                        {"dropped_volume", c.dropped_volume},
+                        {"largest_overlap", c.largest_overlap}});
+    }
+    nlohmann::json out = report(counts.all, all, region, settings);
+    out["strata"] = std::move(list);
+    out["interfaces"] = {{"dropped_count", counts.all.dropped_count},
+                         {"dropped_volume", counts.all.dropped_volume},
+                         {"largest_overlap", counts.all.largest_overlap},
+                         {"unit", "radii of the smaller grain"}};
+    return out;
+}
+
+void warn_of_marks(cli::Tool& tool, const tiling::TrimCounts& counts, const RegionSettings& settings) {
+    if (counts.fixed_count == counts.particle_count)
+        tool.warn("all grains are fixed; give a larger --shift or --domain, or a smaller --radius-max");
+    if (!settings.source_area().empty() && counts.release_count == 0)
+        tool.warn(
+            fmt::format("{}: no grain is released; where it lies, post is nowhere below pre by as much as a "
+                        "grain",
+                        settings.source_area()));
+}
+
+/// A region of several strata.
+void fill_strata(cli::Tool& tool, const Options& options, RegionSettings& region_settings,
+                 const StrataSettings& strata_settings, const std::vector<io::PgBoxFile>& files,
+                 const std::function<double()>& wall_time) {
+    const cli::Common& common = tool.common();
+    std::vector<tiling::Stratum> fillings =
+        strata_settings.fillings(files, common.inputs, options.radius_max);
+    double radius_max = 0;
+    for (const tiling::Stratum& s : fillings)
+        radius_max = std::max(radius_max, tiling::largest_radius(s.box) * s.scale);
+    const auto region = region_settings.make(radius_max);
+    for (const std::string& line : region_settings.remarks(*region))
+        tool.warn(line);
+    const auto strata = strata_settings.make(*region, std::move(fillings), region_settings.ground());
+    ThreadTeam team(common.threads);
+    const io::Provenance provenance = tool.provenance_after(files.front().provenance);
+    const std::string config = tool.effective_config().dump();
+    const std::optional<tiling::ContactsWanted> explicit_form =
+        options.explicit_form ? std::optional(options.contacts_wanted()) : std::nullopt;
+    nlohmann::json out;
+    tiling::StrataCounts counts;
+    if (common.dry_run) {
+        const std::uint64_t before = peak_memory();
+        tiling::StrataForecast f = tiling::forecast(*strata, team);
+        const tiling::FileForecast size =
+            tiling::forecast_file(*strata, f, explicit_form, team, provenance, config);
+        counts = std::move(f.counts);
+        out = report_strata(*strata, counts, *region, region_settings);
+        out["dry_run"] = true;
+        out["peak_memory"] = before + size.memory;
+        out["bytes_written"] = size.bytes;
+        if (explicit_form)
+            out["contact_count"] = size.contact_count;
+    } else {
+        std::optional<tiling::ExpansionReport> expansion;
+        if (explicit_form) {
+            tiling::StrataResult trimmed = tiling::trim(*strata, team);
+            counts = std::move(trimmed.counts);
+            expansion = tiling::write_expanded(common.output, trimmed.model, *explicit_form, team, provenance,
+                                               config, common.overwrite);
+        } else {
+            io::TiledWriter writer(common.output, tiling::tiled_frame(*strata), provenance, config,
+                                   common.overwrite);
+            counts = tiling::trim(*strata, team, [&](const TileBatch& batch) { writer.add(batch); });
+            writer.finish();
+        }
+        out = report_strata(*strata, counts, *region, region_settings);
+        report_expansion(expansion, out);
+        out["peak_memory"] = peak_memory();
+        out["bytes_written"] = std::filesystem::file_size(common.output);
+    }
+    std::vector<tiling::Filling> seen;
+    for (std::size_t k = 0; k < strata->size(); ++k) {
+        const tiling::Stratum& s = strata->stratum(k);
+        seen.push_back({{&s.box, 1}, 0, s.scale, strata->region(k)});
+        if (counts.stratum[k].particle_count == 0)
+            tool.warn(k == 0 ? std::string("strata: they claim all of the region; box 0 fills nothing")
+                             : fmt::format("strata.{}: holds no grain; see where it lies to the region, or "
+                                           "what later strata take from it",
+                                           k - 1));
+    }
+    report_surface(tiling::measure_surface(seen, common.seed, *region, team), out);
+    warn_of_marks(tool, counts.all, region_settings);
+    out["wall_time"] = wall_time();
+    tool.result(out);
+}
+
 } // namespace
 
 int main(int argc, char** argv) {
@@ -173,12 +295,14 @@ int main(int argc, char** argv) {
                     .needs_output = true,
                     .input_help =
                         "periodic granular box (*.pgbox.h5); of several, variants of one, each tile "
-                        "draws one (by --seed); or a tiled model, to take a --part of it or write it out",
+                        "draws one (by --seed), or with strata in the configuration each stratum names its "
+                        "own; or a tiled model, to take a --part of it or write it out",
                     .epilog = "The model is tiled (box, tiles and masks, small) unless --explicit is given.",
                     .libraries = {{"GDAL", terrain::gdal_version()}, {"CGAL", terrain::cgal_version()}},
                     .simd_target = ""});
     Options options;
     RegionSettings region_settings(tool.settings());
+    StrataSettings strata_settings(tool.settings());
     register_options(tool.settings(), options);
     return tool.run(argc, argv, [&] {
         const auto start = std::chrono::steady_clock::now();
@@ -190,7 +314,7 @@ int main(int argc, char** argv) {
         if (io::inspect(input).kind == io::FileKind::model) {
             if (common.inputs.size() > 1)
                 throw Error(ExitCode::usage, "a model found beside other inputs; give it alone");
-            if (region_settings.any() || options.radius_max)
+            if (region_settings.any() || strata_settings.any() || options.radius_max)
                 throw Error(ExitCode::input_invalid,
                             fmt::format("{}: is a model, which has its region and radius; give --part or "
                                         "--explicit only, or a periodic granular box",
@@ -203,15 +327,22 @@ int main(int argc, char** argv) {
         std::vector<io::PgBoxFile> files;
         for (const std::string& path : common.inputs)
             files.push_back(io::read_pgbox(path));
-        tiling::require_one_family(files, common.inputs);
+        if (!strata_settings.any())
+            tiling::require_one_family(files, common.inputs);
+        for (std::size_t k = 0; k < files.size(); ++k) {
+            const PgBox& box = files[k].box;
+            const double radius = tiling::largest_radius(box);
+            if (box.size() == 0 || 4 * radius > box.length)
+                throw Error(ExitCode::input_invalid,
+                            fmt::format("{}: a box of length {:.6g} m with {} grains up to radius {:.6g} m "
+                                        "cannot be tiled: it must be two grains wide; "
+                                        "make a larger box",
+                                        common.inputs[k], box.length, box.size(), radius));
+        }
+        if (strata_settings.any())
+            return fill_strata(tool, options, region_settings, strata_settings, files, wall_time);
         const io::PgBoxFile& file = files.front();
         const double radius = tiling::largest_radius(file.box);
-        if (file.box.size() == 0 || 4 * radius > file.box.length)
-            throw Error(ExitCode::input_invalid,
-                        fmt::format("{}: a box of length {:.6g} m with {} grains up to radius {:.6g} m "
-                                    "cannot be tiled: it must be two grains wide; "
-                                    "make a larger box",
-                                    input, file.box.length, file.box.size(), radius));
         const double scale = options.radius_max ? *options.radius_max / radius : 1;
         const auto region = region_settings.make(radius * scale);
         for (const std::string& line : region_settings.remarks(*region))
@@ -226,7 +357,7 @@ int main(int argc, char** argv) {
             const tiling::FileForecast size = tiling::forecast_file(
                 f, options.explicit_form ? std::optional(options.contacts_wanted()) : std::nullopt, team,
                 tool.provenance_after(file.provenance), tool.effective_config().dump());
-            nlohmann::json out = report(f.counts, boxes.front(), scale, *region, region_settings);
+            nlohmann::json out = report(f.counts, filled_by(boxes.front(), scale), *region, region_settings);
             report_surface(tiling::measure_surface(boxes, common.seed, scale, *region, team), out);
             out["dry_run"] = true;
             out["sample_stride"] = f.sample_stride;
@@ -262,14 +393,8 @@ int main(int argc, char** argv) {
             });
             writer.finish();
         }
-        if (counts.fixed_count == counts.particle_count)
-            tool.warn("all grains are fixed; give a larger --shift or --domain, or a smaller --radius-max");
-        if (!region_settings.source_area().empty() && counts.release_count == 0)
-            tool.warn(fmt::format(
-                "{}: no grain is released; where it lies, post is nowhere below pre by as much as a "
-                "grain",
-                region_settings.source_area()));
-        nlohmann::json out = report(counts, boxes.front(), scale, *region, region_settings);
+        warn_of_marks(tool, counts, region_settings);
+        nlohmann::json out = report(counts, filled_by(boxes.front(), scale), *region, region_settings);
         report_surface(tiling::measure_surface(boxes, common.seed, scale, *region, team), out);
         if (boxes.size() > 1)
             out["tiles_by_variant"] = tiles_by_variant;

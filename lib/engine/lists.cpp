@@ -21,18 +21,18 @@ constexpr std::size_t rebuilds_per_reorder = 10;
 /// A list is kept on where really no more than this part of its skin is used up.
 constexpr double worn_out = 0.7;
 
-/// The outer skin grows to at most so many times the scene's, and a fast particle's share of it.
+/// The outer skin grows to at most so many times the scene's, and a fast particle's share of it; where lists
+/// wear out in so few steps and have so few pairs a particle that moves (a thin, quick flow) to so many times
+/// that.
 constexpr double widest = 2, widest_share = 7;
+constexpr std::int64_t short_lived = 30;
+constexpr double few_pairs = 9, widening = 8;
 
 /// Steps that a particle's share of the outer skin lasts at its present speed.
 constexpr double outer_share_steps = 150;
 
 /// Steps that a particle's share of the close skin lasts at its present speed.
 constexpr double share_steps = 50;
-
-/// A particle is a stray where the widest share would last it less than so many steps, and its share is as
-/// wide as this many largest radii then; of all that move no more than this part are.
-constexpr double stray_steps = 50, stray_share = 15, most_strays = 0.02;
 
 /// The local motion counts where it takes more than this part of the close skin meanwhile.
 constexpr double slow = 0.2;
@@ -81,66 +81,15 @@ Vec3 Simulation::moved_against_others(std::size_t row) const {
 
 /// No particle's share of the outer skin is larger (m).
 double Simulation::largest_outer_share() const {
-    double most = 0.5 * widest_share * scene_.skin * largest_radius_;
+    double most = 0.5 * widest_share * scene_.skin * largest_radius_ * wider_;
+    if (sleep_) // what is in the store is a cell away
+        most =
+            std::min(most, 0.5 * (sleep_->cells.edge() - 2 * largest_radius_ * reach_factor_ - bond_reach_));
     for (int k = 0; k < 3; ++k)
         if (images_.box().periodic[static_cast<std::size_t>(k)])
             most = std::min(
                 most, 0.5 * (images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ - bond_reach_));
     return most;
-}
-
-/// Of strays (m).
-double Simulation::largest_stray_share() const {
-    double most = stray_share * largest_radius_;
-    for (int k = 0; k < 3; ++k)
-        if (images_.box().periodic[static_cast<std::size_t>(k)])
-            most = std::min(
-                most, 0.5 * (images_.box().lengths()[k] - 2 * largest_radius_ * reach_factor_ - bond_reach_));
-    return most;
-}
-
-/// Whether a particle is quick enough to be a stray.
-bool Simulation::may_stray(const Body& body) const {
-    return stray_steps * time_step_.step * norm(body.velocity.vec()) > largest_outer_share();
-}
-
-/// A few particles that fly or roll much faster than all around them would wear out the lists of all in some
-/// steps. They get shares many times wider, are not found by others but look for them (CandidateList), and
-/// their motion counts from where they were.
-void Simulation::find_strays() {
-    stray_.clear();
-    const ParticleColumns& p = particles_;
-    const double most = largest_outer_share();
-    if (!world_.alone() || straining_ || membrane_.any() || largest_stray_share() < 3 * most)
-        return;
-    std::vector<std::pair<float, std::uint32_t>> quick;
-    std::size_t moving = 0;
-    for (std::uint32_t row = 0; row < active_; ++row) {
-        if (p.species[row] == Species::fixed)
-            continue;
-        ++moving;
-        if (!may_stray(p.bodies[row]))
-            continue;
-        const search::LocalMotion::Cell cell = motion_.of(row);
-        const double against = norm(p.bodies[row].velocity.vec() - cell.velocity()) + cell.shear;
-        if (stray_steps * time_step_.step * against > most)
-            quick.emplace_back(static_cast<float>(against), row);
-    }
-    const auto limit = static_cast<std::size_t>(most_strays * static_cast<double>(moving)) + 16;
-    if (quick.empty() || quick.size() > 20 * limit) // so many are a flow
-        return;
-    if (quick.size() > limit) {
-        std::nth_element(quick.begin(), quick.begin() + static_cast<std::ptrdiff_t>(limit), quick.end(),
-                         std::greater<>());
-        quick.resize(limit);
-    }
-    stray_.assign(p.owned, 0);
-    std::vector<std::uint32_t> rows;
-    for (const auto& [speed, row] : quick) {
-        stray_[row] = 1;
-        rows.push_back(row);
-    }
-    motion_.set_strays(rows, fastest_cell_);
 }
 
 /// Each particle has its share of the lists' skins: what it may move against the local motion until the list
@@ -148,16 +97,14 @@ void Simulation::find_strays() {
 /// or short-lived.
 void Simulation::set_outer_shares() {
     const ParticleColumns& p = particles_;
-    const double usual = largest_outer_share(), of_strays = largest_stray_share(),
-                 dt = outer_share_steps * time_step_.step;
+    const double most = largest_outer_share(), dt = outer_share_steps * time_step_.step;
     outer_share_.resize(p.known());
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
             const search::LocalMotion::Cell cell = motion_.of(row);
             const bool fixed = p.species[row] == Species::fixed;
             const Vec3 velocity = fixed ? Vec3{} : p.bodies[row].velocity.vec();
-            const double speed = norm(velocity - cell.velocity()) + cell.shear,
-                         most = !stray_.empty() && stray_[row] ? of_strays : usual;
+            const double speed = norm(velocity - cell.velocity()) + cell.shear;
             outer_share_[row] =
                 fixed && speed == 0 ? 0.0f : static_cast<float>(std::min(most, 0.5 * skin_ + dt * speed));
         }
@@ -223,11 +170,8 @@ Simulation::Displacement Simulation::largest_displacement() {
             const double since_close = norm(against - Vec3{before[0], before[1], before[2]});
             largest.used = std::max(
                 largest.used, (stretched * since_close + since_refresh * cell.shear + strain) / share_[row]);
-            const double margin =
-                stray_.empty() ? wall_skin_ : std::max(wall_skin_, double{wall_margin_[row]});
             largest.walls =
-                std::max(largest.walls, walls_.approach(moved, particles_.bodies[row].position, margin) *
-                                            (wall_skin_ / margin));
+                std::max(largest.walls, walls_.approach(moved, particles_.bodies[row].position, wall_skin_));
         }
     });
     Displacement largest;
@@ -249,11 +193,6 @@ void Simulation::keep_lists_valid() {
         (sleep_ && sleep_->wanted)) {
         bits = outer_list_is_worn;
     } else if (used_ > 1 || wall_used_ > wall_skin_) {
-        // Nobody who is not listed with a wall has come nearer to it than his cell and his share allow.
-        const double since = static_cast<double>(step_ - last_rebuild_) * time_step_.step;
-        wall_used_ = std::min(wall_used_, since * fastest_cell_ + 0.5 * wall_skin_ + wall_travel_);
-    }
-    if (bits == 0 && (used_ > 1 || wall_used_ > wall_skin_)) {
         const Displacement moved = largest_displacement();
         wall_used_ = moved.walls + wall_travel_;
         if (moved.outer > 1 || (walls_.any() && wall_used_ > worn_out * wall_skin_))
@@ -309,6 +248,15 @@ void Simulation::adapt_skins(bool outer) {
     if (outer) {
         if (rebuilds_ > 0)
             skin_ = adapt(skin_, step_ - last_rebuild_, 150, 1000);
+        if (rebuilds_ > 0 && world_.alone() && !membrane_.any()) {
+            const auto pairs = static_cast<double>(list_.outer_size()),
+                       moving = static_cast<double>(
+                           std::max<std::size_t>(mobile_ - (sleep_ ? sleep_->count : 0), 1));
+            if (step_ - last_rebuild_ < short_lived && pairs < few_pairs * moving)
+                wider_ = std::min(1.25 * wider_, widening);
+            else if (step_ - last_rebuild_ > 4 * short_lived || pairs > 1.5 * few_pairs * moving)
+                wider_ = std::max(0.8 * wider_, 1.0);
+        }
         last_rebuild_ = step_;
         skin_ = std::min(
             std::clamp(skin_, 0.5 * scene_.skin * largest_radius_, widest * scene_.skin * largest_radius_),
@@ -374,16 +322,8 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
     const bool moves =
         motion_.build(p, images_.box(), touch + 2 * largest_outer_share(), 2 * largest_outer_share(),
                       slow * close_skin_ / (share_steps * time_step_.step), team_);
-    fastest_cell_ = 0;
     double unseen = std::numeric_limits<double>::infinity(); // s, until sleepers in the store may be reached
     if (world_.any(moves && !straining_)) {                  // a cell's velocity would not stay what it is
-        if (world_.alone()) {
-            const std::array<Vec3, 2> range = motion_.velocity_range();
-            Vec3 most;
-            for (int k = 0; k < 3; ++k)
-                most[k] = std::max({std::abs(range[0][k]), std::abs(range[1][k])});
-            fastest_cell_ = norm(most);
-        }
         if (sleep_)
             unseen = sleepers_unseen_for(touch + 2 * largest_outer_share());
         share_motion();
@@ -391,7 +331,6 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
         motion_.set_still();
     }
     motion_holds_for_ = world_.min(std::min(motion_.holds_for(), unseen));
-    find_strays();
     set_outer_shares();
     if (kernel_.traits.mixed) {
         p.half_motion.resize(p.known());
@@ -399,13 +338,8 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
             p.set_half_motion(row);
     }
     const auto own_end = outer_share_.begin() + static_cast<std::ptrdiff_t>(p.owned);
-    const double widest_share = p.owned == 0 ? 0 : *std::max_element(outer_share_.begin(), own_end);
-    wall_skin_ = 2 * std::min(widest_share, largest_outer_share());
-    wall_margin_.assign(stray_.size(), 0);
-    for (std::size_t row = 0; row < stray_.size(); ++row)
-        if (stray_[row])
-            wall_margin_[row] = 2 * outer_share_[row];
-    images_.make_ghosts(p, touch + 2 * widest_share);
+    wall_skin_ = p.owned == 0 ? 0 : 2.0 * *std::max_element(outer_share_.begin(), own_end);
+    images_.make_ghosts(p, touch + wall_skin_);
     if (first)
         order.clear();
     set_shares();
@@ -422,8 +356,8 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
         }
     }
     const search::CandidateList::Missed missed =
-        list_.rebuild(p, reach_factor_, bond_reach_, outer_share_, close_factor, share_, stray_, order,
-                      old_owned, wrapped, live(), keys, team_);
+        list_.rebuild(p, reach_factor_, bond_reach_, outer_share_, close_factor, share_, order, old_owned,
+                      wrapped, live(), keys, team_);
     if (all_bonds)
         set_shares();
     if (missed.bound > 0)
@@ -450,7 +384,7 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
     strain_since_rebuild_ = {1, 1, 1};
     if (membrane_.any())
         membrane_.set_rows(p);
-    walls_.rebuild(p, wall_skin_, wall_margin_, order, membrane_);
+    walls_.rebuild(p, wall_skin_, order, membrane_);
     give_walls(carried.walls);
     wall_record_.merge(world_);
     wall_travel_ = wall_used_ = 0;

@@ -257,9 +257,7 @@ void Simulation::check_passing() const {
                         p.id[i], dt * norm(p.bodies[i].velocity.vec()) / smallest_radius_, step_ + 1, time(),
                         norm(p.bodies[i].velocity.vec()), how));
     };
-    const auto searching = static_cast<std::size_t>(std::count_if(
-        fast.begin(), fast.end(), [&](std::uint32_t row) { return stray_.empty() || !stray_[row]; }));
-    if (searching > 200'000'000 / p.owned + 1)
+    if (fast.size() > 200'000'000 / p.owned + 1)
         stop(fast.front(), fmt::format("as {} others do, and may pass particles unseen", fast.size() - 1));
     for (const std::uint32_t i : fast) {
         const Vec3 x = p.bodies[i].position.vec(), move = dt * p.bodies[i].velocity.vec();
@@ -269,12 +267,7 @@ void Simulation::check_passing() const {
             stop(i, "further than its rank sees the particles of other ranks");
         if (walls_.reached(x, p.bodies[i].position.w, move, allowed))
             stop(i, "into a wall");
-        // A stray's partners are known; others are looked for among all.
-        const bool listed = !stray_.empty() && stray_[i] && norm(move) < 0.4 * outer_share_[i];
-        const std::span<const std::uint32_t> partners =
-            listed ? list_.outer_partners(i) : std::span<const std::uint32_t>();
-        for (std::size_t n = 0; n < (listed ? partners.size() : p.known()); ++n) {
-            const std::uint32_t j = listed ? p.owner(partners[n]) : static_cast<std::uint32_t>(n);
+        for (std::uint32_t j = 0; j < p.known(); ++j) {
             const Vec3 way =
                 dt * (p.bodies[j].velocity.vec() - p.bodies[i].velocity.vec()); // of j seen from i
             const double length2 = norm2(way);

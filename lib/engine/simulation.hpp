@@ -293,9 +293,6 @@ private:
     static double shortened(const Vec3& factor);
     double half_reach() const;
     double largest_outer_share() const;
-    double largest_stray_share() const;
-    bool may_stray(const Body& body) const;
-    void find_strays();
     void set_outer_shares();
     void set_shares();
     Vec3 moved_since_listed(std::size_t row) const;
@@ -416,6 +413,7 @@ private:
     std::int64_t step_ = 0, last_rebuild_ = 0, last_refresh_ = 0;
     double reach_factor_ = 1, bond_reach_ = 0, largest_radius_ = 0, smallest_radius_ = 0, mean_radius_ = 0;
     double skin_ = 0, close_skin_ = 0; ///< m; the least share of a particle is half the first, the second
+    double wider_ = 1;                 ///< factor on the widest share of the outer skin
     double used_ = 0;                  ///< the largest part of his share that anybody can have used up
     double wall_skin_ = 0;             ///< m, from which on walls are listed
     double shear_use_ = 0;             ///< 1/s, the largest part of a share that the local motion uses up
@@ -448,9 +446,6 @@ private:
         listed_; ///< m, positions against the origin when the outer list was made
     std::vector<std::array<float, 3>> refreshed_; ///< m, moved_against_others() when the close list was made
     std::vector<float> outer_share_;              ///< m, the same of the outer list
-    std::vector<std::uint8_t> stray_;             ///< [owned] see find_strays(); empty: there are none
-    std::vector<float> wall_margin_;              ///< m, of strays; empty like stray_
-    double fastest_cell_ = 0;                     ///< m/s, of the local motion; 0 where still
     std::vector<float> share_; ///< m, by which a particle may move before the close list is made anew
     std::vector<std::uint32_t>
         close_ghosts_; ///< those in the close list: the others are brought up with the lists

@@ -73,6 +73,7 @@ void Simulation::prepare_sleep() {
         refuse("without gravity, expected 0: rest is measured against the weight");
     if (size() >= no_row)
         refuse("with more than 2^32 particles, expected 0");
+    const double reach = 2 * largest_radius_ * reach_factor_ + bond_reach_ + 2 * largest_outer_share();
     sleep_ = std::make_unique<Sleepers>();
     Sleepers& s = *sleep_;
     const double g = norm(scene_.gravity), dt = time_step_.step;
@@ -95,7 +96,6 @@ void Simulation::prepare_sleep() {
             lower[k] = std::min(lower[k], particles_.bodies[row].position.vec()[k]);
             upper[k] = std::max(upper[k], particles_.bodies[row].position.vec()[k]);
         }
-    const double reach = 2 * largest_radius_ * reach_factor_ + bond_reach_ + 2 * largest_outer_share();
     s.cells = SleepCells(lower, upper, images_.box(), std::max(cell_edge * largest_radius_, 1.5 * reach),
                          static_cast<double>(size()) + 64);
     if (s.cells.edge() < reach)
@@ -617,28 +617,21 @@ std::vector<std::uint32_t> Simulation::regroup(Wrapped& wrapped, Carried& carrie
     std::vector<std::uint32_t> cells, needed;
     ++s.stamps;
     const std::uint32_t spread = s.stamps; // its neighbours are done
-    const auto need = [&](std::uint32_t c) {
-        if (stamp[c] >= needed_from)
-            return;
-        stamp[c] = done;
-        needed.push_back(c);
-    };
     const auto need_around = [&](const Vec3& x) {
         const std::uint32_t cell = s.cells.of(x);
         if (stamp[cell] == spread)
             return;
-        s.cells.for_around(cell, need);
+        s.cells.for_around(cell, [&](std::uint32_t c) {
+            if (stamp[c] >= needed_from)
+                return;
+            stamp[c] = done;
+            needed.push_back(c);
+        });
         stamp[cell] = spread;
     };
-    const double far =
-        2 * largest_radius_ * reach_factor_ + bond_reach_ + largest_outer_share() + largest_stray_share();
     for (std::size_t row = 0; row < p.owned; ++row)
-        if (p.species[row] != Species::fixed) {
-            const Vec3 x = p.bodies[row].position.vec();
-            need_around(x);
-            if (may_stray(p.bodies[row]))
-                s.cells.for_touched(x - Vec3{far, far, far}, x + Vec3{far, far, far}, need);
-        }
+        if (p.species[row] != Species::fixed)
+            need_around(p.bodies[row].position.vec());
     for (const SleepStore::Particle& particle : out)
         if (s.asleep[particle.id])
             need_around(particle.position.vec());
@@ -743,7 +736,11 @@ std::vector<std::uint32_t> Simulation::regroup(Wrapped& wrapped, Carried& carrie
 double Simulation::sleepers_unseen_for(double reach) const {
     if (sleep_->store.particles() == 0)
         return std::numeric_limits<double>::infinity();
-    return (sleep_->cells.edge() - reach) / std::max(fastest_cell_, 1e-100);
+    const std::array<Vec3, 2> range = motion_.velocity_range();
+    Vec3 most;
+    for (int k = 0; k < 3; ++k)
+        most[k] = std::max({std::abs(range[0][k]), std::abs(range[1][k]), 1e-100});
+    return (sleep_->cells.edge() - reach) / norm(most);
 }
 
 /// Wakes these cells between two steps.

@@ -106,8 +106,8 @@ double WallContacts::approach(const Vec3& moved, const Record& x, double margin)
     return most;
 }
 
-void WallContacts::rebuild(const ParticleColumns& p, double least_margin, std::span<const float> wider,
-                           const std::vector<std::uint32_t>& old_row, const Membrane& membrane) {
+void WallContacts::rebuild(const ParticleColumns& p, double margin, const std::vector<std::uint32_t>& old_row,
+                           const Membrane& membrane) {
     const std::vector<Entry> old = std::move(entries_);
     const std::vector<std::uint32_t> old_first = std::move(first_);
     const std::vector<MeshEntry> old_on_mesh = std::move(mesh_entries_);
@@ -118,7 +118,6 @@ void WallContacts::rebuild(const ParticleColumns& p, double least_margin, std::s
     first_.assign(p.owned + 1, 0);
     for (std::uint32_t row = 0; row < p.owned; ++row) {
         const bool held = p.species[row] == Species::fixed || membrane.clamped_row(row);
-        const double margin = wider.empty() ? least_margin : std::max(least_margin, double{wider[row]});
         for (std::uint32_t w = 0; w < walls_.size() && !held; ++w) {
             const auto first_new = static_cast<std::ptrdiff_t>(entries_.size());
             if (meshes_[w])

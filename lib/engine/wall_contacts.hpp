@@ -47,12 +47,10 @@ public:
     /// Whether a wall that moves comes within `radius` (m) of a place in the next `ahead` seconds.
     bool moving_near(const Vec3& x, double radius, double ahead) const;
 
-    /// Lists particles that may move with distance to a wall < r + margin, or r + wider[row] where that is
-    /// more
-    /// (`wider` may be empty); keeps the history of those listed
+    /// Lists particles that may move with distance to a wall < r + margin; keeps the history of those listed
     /// before, in row old_row[row] (beyond all rows: nowhere).
-    void rebuild(const ParticleColumns& p, double least_margin, std::span<const float> wider,
-                 const std::vector<std::uint32_t>& old_row, const Membrane& membrane);
+    void rebuild(const ParticleColumns& p, double margin, const std::vector<std::uint32_t>& old_row,
+                 const Membrane& membrane);
     /// Sets the offsets so that all present overlaps are stress-free.
     void set_stress_free(const ParticleColumns& p);
     void compute(const ParticleColumns& p, double step, ThreadTeam& team, std::vector<Tally>& tallies);

@@ -144,8 +144,8 @@ ExplicitFileSize explicit_file_size(const Grains& grains, const ExplicitFrame& f
         return root.has(name) ? root.dataset(name).stored_size() : std::uint64_t{0};
     };
     ExplicitFileSize size;
-    for (const char* name : {"particles/all/radius", "particles/all/species", "particles/all/release",
-                             "particles/all/material"})
+    for (const char* name :
+         {"particles/all/radius", "particles/all/species", "particles/all/release", "particles/all/material"})
         size.compressed_particles += stored(name);
     for (const char* name : {"connectivity/contacts", "granular/contacts/image"})
         size.compressed_contacts += stored(name);

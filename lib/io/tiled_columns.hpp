@@ -56,8 +56,7 @@ private:
 };
 
 /// The table of tiles of a model with this frame.
-void write_table(const hdf::Group& group, const std::deque<TiledModel::Tile>& tiles,
-                 const TiledModel& frame);
+void write_table(const hdf::Group& group, const std::deque<TiledModel::Tile>& tiles, const TiledModel& frame);
 
 /// A tiled model without its masks, checked.
 TiledModel read_tile_table(const hdf::File& from);

@@ -68,7 +68,8 @@ std::uint32_t CandidateList::holder(const ParticleColumns& p, std::uint32_t i, s
     if (const bool i_moves = moves(p, i); i_moves != moves(p, j))
         return i_moves ? i : j;
     if (points_.size() > 1) {
-        const std::size_t class_i = class_of(p, i), class_j = class_of(p, j);
+        const std::size_t class_i = size_class(p.bodies[i].position.w, largest_radius_),
+                          class_j = size_class(p.bodies[j].position.w, largest_radius_);
         if (class_i != class_j)
             return class_i > class_j ? i : j;
     }
@@ -77,41 +78,31 @@ std::uint32_t CandidateList::holder(const ParticleColumns& p, std::uint32_t i, s
     return p.shift(j) > p.shift(i) ? i : j; // a particle and its own image
 }
 
-/// Classes by size, and strays after them.
-std::size_t CandidateList::class_of(const ParticleColumns& p, std::uint32_t row) const {
-    if (!stray_.empty() && stray_[p.owner(row)])
-        return size_classes_;
-    return size_classes_ == 1 ? 0 : size_class(p.bodies[row].position.w, largest_radius_);
-}
-
 void CandidateList::find(const ParticleColumns& p, double factor, double margin, std::span<const float> share,
                          ThreadTeam& team) {
     double usual_share = 0;
-    for (std::size_t row = 0; row < share.size(); ++row)
-        if (stray_.empty() || !stray_[row])
-            usual_share += share[row] / static_cast<double>(share.size());
+    for (const float s : share)
+        usual_share += s / static_cast<double>(share.size());
     largest_radius_ = 0;
     for (std::size_t row = 0; row < p.known(); ++row)
         largest_radius_ = std::max(largest_radius_, p.bodies[row].position.w);
     double smallest_radius = largest_radius_;
     for (std::size_t row = 0; row < p.known(); ++row)
         smallest_radius = std::min(smallest_radius, p.bodies[row].position.w);
-    size_classes_ = p.owned == 0 ? 0 : size_class(smallest_radius, largest_radius_) + 1;
-    const std::size_t classes = size_classes_ + (stray_.empty() ? 0 : 1);
+    const std::size_t classes = p.owned == 0 ? 0 : size_class(smallest_radius, largest_radius_) + 1;
     // Classes with rows that do not search themselves.
     std::vector<bool> is_found(classes, false);
     class_rows_.resize(classes);
     for (auto& rows : class_rows_)
         rows.clear();
     for (std::uint32_t row = 0; classes > 1 && row < p.size(); ++row) {
-        const std::size_t c = class_of(p, row);
+        const std::size_t c = size_class(p.bodies[row].position.w, largest_radius_);
         class_rows_[c].push_back(row);
         is_found[c] = is_found[c] || !moves(p, row) || p.in_halo(row);
     }
     points_.resize(classes);
     for (std::size_t c = 0; c < classes; ++c) {
-        const double radius =
-            c == size_classes_ ? largest_radius_ : std::ldexp(largest_radius_, -static_cast<int>(c));
+        const double radius = std::ldexp(largest_radius_, -static_cast<int>(c));
         if (classes == 1 || !class_rows_[c].empty())
             points_[c].build(p, class_rows_[c], factor, share, 2 * (radius * factor + usual_share) + margin,
                              team);
@@ -140,7 +131,7 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
             const bool sheet = of_membrane(p, i); // held together by its edges, not by contacts
             const std::size_t before = found.size();
             const Record self = p.bodies[i].position;
-            const std::size_t own = classes == 1 ? 0 : class_of(p, i);
+            const std::size_t own = classes == 1 ? 0 : size_class(self.w, largest_radius_);
             for (std::size_t c = 0; c < points_.size(); ++c) {
                 if (points_[c].size() == 0 || (c > own && !is_found[c]))
                     continue;
@@ -279,11 +270,9 @@ void CandidateList::match_keyed(const ParticleColumns& p, std::span<const KeyedP
 CandidateList::Missed CandidateList::rebuild(const ParticleColumns& p, double factor, double margin,
                                              std::span<const float> outer_share, double close_factor,
                                              std::span<const float> share,
-                                             std::span<const std::uint8_t> stray,
                                              std::span<const std::uint32_t> old_row, std::size_t old_owned,
                                              std::span<const Shift> wrapped, Live live,
                                              std::span<const KeyedPair> keyed, ThreadTeam& team) {
-    stray_.assign(stray.begin(), stray.end());
     find(p, factor, margin, outer_share, team);
     fit(previous_of_outer_, holder_.size());
     std::fill(previous_of_outer_.begin(), previous_of_outer_.end(), no_candidate);
@@ -465,7 +454,7 @@ std::size_t CandidateList::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
     std::size_t sum = bytes(holder_) + bytes(partner_) + bytes(first_) + bytes(candidates_) +
                       bytes(outer_of_) + bytes(close_first_) + bytes(previous_) + bytes(references_) +
-                      bytes(stray_) + bytes(reference_start_) + bytes(ghost_owner_) + bytes(ghost_shift_) +
+                      bytes(reference_start_) + bytes(ghost_owner_) + bytes(ghost_shift_) +
                       bytes(previous_of_outer_) + bytes(row_scratch_);
     for (const auto& found : found_)
         sum += bytes(found);

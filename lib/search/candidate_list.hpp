@@ -50,11 +50,10 @@ KeyedPair key_of(const ParticleColumns& p, const Candidate& c);
 /// Sakaguchi, Eur. Phys. J. Special Topics 196 (2011), who use such a table to avoid write conflicts).
 ///
 /// Each pair is held by one owned row: the one that is owned, the one that moves or, of two that do, the much
-/// smaller one or, of two alike, the lower one; strays (see rebuild) count as the smallest. Both lists are in
-/// the order of the holders' rows, so that (sizes alike) all pairs of a row stand before those of the next:
-/// it can be moved while its pairs' forces are still in the cache. Within each block of the close list, pairs
-/// with history come first, so that those without, which have nothing but a distance to be computed, stand
-/// together.
+/// smaller one or, of two alike, the lower one. Both lists are in the order of the holders' rows, so that
+/// (sizes alike) all pairs of a row stand before those of the next: it can be moved while its pairs' forces
+/// are still in the cache. Within each block of the close list, pairs with history come first, so that those
+/// without, which have nothing but a distance to be computed, stand together.
 class CandidateList {
 public:
     /// Candidates that vector code may read beyond the last one (repetitions of it).
@@ -93,17 +92,13 @@ public:
     /// @param old_row   [owned] row each owned particle had in the list before, `no_row` where it had
     ///                  none; empty at the first build
     /// @param old_owned number of owned rows then
-    /// @param stray     [owned] 1: a particle with an outer share much larger than the others', which looks
-    /// for
-    ///                  them instead of being found by them; may be empty: there are none
     /// @param wrapped   [owned] box lengths taken off each owned particle since then
     /// @param keyed     live pairs that are not matched by rows: those with a row of the halo or one that
     /// left
     ///                  or came. Their `previous` is the old list's size and up.
     Missed rebuild(const ParticleColumns& p, double factor, double margin, std::span<const float> outer_share,
-                   double close_factor, std::span<const float> share, std::span<const std::uint8_t> stray,
-                   std::span<const std::uint32_t> old_row, std::size_t old_owned,
-                   std::span<const std::array<std::int8_t, 3>> wrapped, Live live,
+                   double close_factor, std::span<const float> share, std::span<const std::uint32_t> old_row,
+                   std::size_t old_owned, std::span<const std::array<std::int8_t, 3>> wrapped, Live live,
                    std::span<const KeyedPair> keyed, ThreadTeam& team);
     /// Makes the close list anew from the outer one.
     void refresh(const ParticleColumns& p, std::span<const float> share, Live live, ThreadTeam& team);
@@ -142,17 +137,12 @@ public:
     /// elsewhere.
     void relabel(ThreadTeam& team);
     std::size_t outer_size() const { return holder_.size(); }
-    /// Partners of the outer pairs that this row holds.
-    std::span<const std::uint32_t> outer_partners(std::size_t row) const {
-        return {partner_.data() + first_[row], first_[row + 1] - first_[row]};
-    }
     std::size_t memory() const;
 
 private:
     using Shift = std::array<std::int8_t, 3>;
     void find(const ParticleColumns& p, double factor, double margin, std::span<const float> share,
               ThreadTeam& team);
-    std::size_t class_of(const ParticleColumns& p, std::uint32_t row) const;
     Missed match(const ParticleColumns& p, std::span<const std::uint32_t> old_row, std::size_t old_owned,
                  std::span<const Shift> wrapped, Live live, ThreadTeam& team);
     void match_keyed(const ParticleColumns& p, std::span<const KeyedPair> keyed, Live live, Missed& missed);
@@ -183,8 +173,6 @@ private:
     Column<std::uint32_t> row_scratch_;
     std::vector<std::size_t> counts_;
     double largest_radius_ = 0;
-    std::vector<std::uint8_t> stray_; ///< [owned], or empty
-    std::size_t size_classes_ = 0;
 };
 
 } // namespace talus::search

@@ -142,18 +142,6 @@ void LocalMotion::set_still() {
     members_ = {};
 }
 
-void LocalMotion::set_strays(std::span<const std::uint32_t> rows, double fastest) {
-    if (still_ || rows.empty())
-        return;
-    const std::size_t cells = cells_.size();
-    Column<Cell> wider(cells + 1);
-    std::copy(cells_.begin(), cells_.end(), wider.begin());
-    wider[cells] = {0, 0, 0, static_cast<float>(fastest * (1 + 1e-6))};
-    cells_ = std::move(wider);
-    for (const std::uint32_t row : rows)
-        cell_of_[row] = static_cast<std::uint32_t>(cells);
-}
-
 LocalMotion::Part LocalMotion::part(std::size_t c) const {
     const std::array<std::size_t, 3> at{c % count_[0], c / count_[0] % count_[1],
                                         c / (count_[0] * count_[1])};

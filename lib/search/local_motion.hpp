@@ -55,10 +55,6 @@ public:
     double distance() const { return 2 * edge_; }   ///< m, up to which other ranks' cells are to be given
     bool still() const { return still_; }
 
-    /// From now on (until the next build) these rows count their motion from where they were, as if their
-    /// cell stood still, and against whatever is the fastest there: for a few that fly through all cells.
-    /// @param fastest m s-1, no cell of any rank is faster
-    void set_strays(std::span<const std::uint32_t> rows, double fastest);
     Cell of(std::size_t row) const { return still_ ? Cell{} : cells_[cell_of_[row]]; }
     /// The same for loops over many, where not still: cells()[cell_of()[row]].
     const Cell* cells() const { return cells_.data(); }

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <atomic>
 #include <bit>
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <fmt/format.h>
@@ -41,10 +42,20 @@ std::uint64_t mask_word(const std::uint8_t* mask, std::size_t word, std::size_t 
 Expander::Expander(const TiledModel& model) : model_(model) {
     if (model.boxes.empty())
         refuse("has no box");
+    if (!model.strata.empty() && model.strata.size() != model.boxes.size())
+        refuse(fmt::format("{} of {} boxes have a stratum", model.strata.size(), model.boxes.size()));
+    seamless_ = model.strata.empty();
     for (const PgBox& box : model.boxes) {
+        contacts_.push_back(both_ways(box));
+        if (!model.strata.empty()) {
+            largest_.push_back(box.radius.empty() ? 0
+                                                  : *std::max_element(box.radius.begin(), box.radius.end()));
+            largest_.back() *= model.scale_of(trees_.size());
+            trees_.emplace_back(box);
+            continue;
+        }
         if (box.length != model.boxes.front().length)
             refuse("its boxes have different lengths");
-        contacts_.push_back(both_ways(box));
         // Boxes that fit each other's faces hold each other's contacts across them, row by row.
         seamless_ = seamless_ && (&box == &model.boxes.front() || !seam_difference(model.boxes.front(), box));
     }
@@ -152,15 +163,17 @@ void Expander::check_and_index() {
     for (std::size_t t = 0; t < count; ++t)
         by_index_[t] = static_cast<std::uint32_t>(t);
     std::sort(by_index_.begin(), by_index_.end(), [this](std::uint32_t a, std::uint32_t b) {
-        return model_.tiles[a].index < model_.tiles[b].index;
+        return std::pair(lattice(a), model_.tiles[a].index) < std::pair(lattice(b), model_.tiles[b].index);
     });
-    const auto column_order = [](const std::array<std::int32_t, 3>& i) {
-        return std::tuple(i[1], i[0], i[2]);
+    const auto column_order = [this](std::size_t t) {
+        const std::array<std::int32_t, 3>& i = model_.tiles[t].index;
+        return std::tuple(lattice(t), i[1], i[0], i[2]);
     };
     for (std::size_t t = 1; t < count && by_columns_; ++t)
-        by_columns_ = column_order(model_.tiles[t - 1].index) < column_order(model_.tiles[t].index);
+        by_columns_ = column_order(t - 1) < column_order(t);
     for (std::size_t k = 1; k < count; ++k)
-        if (model_.tiles[by_index_[k]].index == model_.tiles[by_index_[k - 1]].index)
+        if (lattice(by_index_[k]) == lattice(by_index_[k - 1]) &&
+            model_.tiles[by_index_[k]].index == model_.tiles[by_index_[k - 1]].index)
             refuse(fmt::format("tile {} lies on tile {}", by_index_[k], by_index_[k - 1]));
 }
 
@@ -187,6 +200,14 @@ bool Expander::fixed(std::size_t tile, std::size_t row) const {
            mask_bit(mask(model_.fixed_mask, tile), row);
 }
 
+std::vector<std::uint32_t>::const_iterator
+Expander::first_not_before(std::size_t box, const std::array<std::int32_t, 3>& index) const {
+    return std::lower_bound(by_index_.begin(), by_index_.end(), std::pair(box, index),
+                            [this](std::uint32_t t, const auto& wanted) {
+                                return std::pair(lattice(t), model_.tiles[t].index) < wanted;
+                            });
+}
+
 Expander::Neighbourhood Expander::neighbourhood(std::size_t tile) const {
     Neighbourhood result;
     const auto& centre = model_.tiles[tile].index;
@@ -194,9 +215,7 @@ Expander::Neighbourhood Expander::neighbourhood(std::size_t tile) const {
         for (int dy = -1; dy <= 1; ++dy)
             for (int dx = -1; dx <= 1; ++dx) {
                 const std::array<std::int32_t, 3> index{centre[0] + dx, centre[1] + dy, centre[2] + dz};
-                const auto found = std::lower_bound(
-                    by_index_.begin(), by_index_.end(), index,
-                    [this](std::uint32_t t, const auto& i) { return model_.tiles[t].index < i; });
+                const auto found = first_not_before(lattice(tile), index);
                 const bool there = found != by_index_.end() && model_.tiles[*found].index == index &&
                                    (seamless_ || model_.tiles[*found].box == model_.tiles[tile].box);
                 result[neighbour_number(dx, dy, dz)] = there ? *found : no_tile;
@@ -207,15 +226,18 @@ Expander::Neighbourhood Expander::neighbourhood(std::size_t tile) const {
 void Expander::write_particles(std::size_t tile, Grains& grains, std::uint64_t base) const {
     const TiledModel::Tile& t = model_.tiles[tile];
     const PgBox& box = model_.boxes[t.box];
-    const Vec3 corner = tile_corner(t.index, model_.edge());
+    const Vec3 corner = tile_corner(t.index, model_.edge_of(t.box));
+    const double scale = model_.scale_of(t.box);
     const bool cut = t.kind == TileClass::cut;
     const std::uint8_t* kept = cut ? mask(model_.kept_mask, tile) : nullptr;
     auto k = static_cast<std::size_t>(t.first_particle - base);
     for (std::size_t row = 0; row < box.size(); ++row) {
         if (cut && !mask_bit(kept, row))
             continue;
-        grains.position[k] = grain_position(corner, model_.scale, box.position[row]);
-        grains.radius[k] = box.radius[row] * model_.scale;
+        grains.position[k] = grain_position(corner, scale, box.position[row]);
+        grains.radius[k] = box.radius[row] * scale;
+        if (!grains.material.empty())
+            grains.material[k] = model_.material_of(t.box);
         if (cut && !grains.species.empty() && mask_bit(mask(model_.fixed_mask, tile), row))
             grains.species[k] = Species::fixed;
         if (cut && !grains.release.empty())
@@ -224,17 +246,141 @@ void Expander::write_particles(std::size_t tile, Grains& grains, std::uint64_t b
     }
 }
 
-/// Visits (i, j, overlap in box metres) of the contacts whose lower particle lies in the tile, sorted by (i,
-/// j).
+/// Kept grains of the stratum `box` with centres no farther than `reach` from the tile.
+std::vector<Expander::Beyond::Grain> Expander::grains_about(std::size_t tile, std::size_t box,
+                                                            double reach) const {
+    std::vector<Beyond::Grain> result;
+    const TiledModel::Tile& t = model_.tiles[tile];
+    const double edge = model_.edge_of(box), scale = model_.scale_of(box);
+    const Vec3 corner = tile_corner(t.index, model_.edge_of(t.box));
+    const Vec3 lower = corner - Vec3{reach, reach, reach},
+               upper = corner + Vec3{1, 1, 1} * (model_.edge_of(t.box) + reach);
+    std::array<std::int32_t, 3> first{}, last{};
+    for (int k = 0; k < 3; ++k) {
+        first[static_cast<std::size_t>(k)] = static_cast<std::int32_t>(std::floor(lower[k] / edge));
+        last[static_cast<std::size_t>(k)] = static_cast<std::int32_t>(std::floor(upper[k] / edge));
+    }
+    const auto look = [&](std::uint32_t there) {
+        const BoxTree& tree = trees_[box];
+        const Vec3 at = tile_corner(model_.tiles[there].index, edge);
+        const auto apart = [&](const Vec3& a, const Vec3& b) {
+            return a.x > upper.x || b.x < lower.x || a.y > upper.y || b.y < lower.y || a.z > upper.z ||
+                   b.z < lower.z;
+        };
+        const auto descend = [&](const auto& self, const BoxTree::Node& node) -> void {
+            if (apart(grain_position(at, scale, node.lower), grain_position(at, scale, node.upper)))
+                return;
+            for (const BoxTree::Node& child : tree.children(node))
+                self(self, child);
+            if (!node.leaf())
+                return;
+            for (const std::uint32_t row : tree.rows(node)) {
+                const Vec3 p = grain_position(at, scale, model_.boxes[box].position[row]);
+                const std::uint64_t number = apart(p, p) ? no_particle : particle(there, row);
+                if (number != no_particle)
+                    result.push_back({p, model_.boxes[box].radius[row] * scale, number, fixed(there, row)});
+            }
+        };
+        descend(descend, tree.root());
+    };
+    for (std::int32_t x = first[0]; x <= last[0]; ++x)
+        for (std::int32_t y = first[1]; y <= last[1]; ++y)
+            for (auto next = first_not_before(box, {x, y, first[2]}); next != by_index_.end(); ++next) {
+                const auto& index = model_.tiles[*next].index;
+                if (lattice(*next) != box || index[0] != x || index[1] != y || index[2] > last[2])
+                    break;
+                look(*next);
+            }
+    return result;
+}
+
+/// Of all other strata that have grains there; of later strata only, where strata stand one after the other.
+std::vector<Expander::Beyond> Expander::beyond(std::size_t tile) const {
+    std::vector<Beyond> result;
+    const std::size_t own = model_.tiles[tile].box;
+    const double rounding = 1e-14 * norm(tile_corner(model_.tiles[tile].index, model_.edge_of(own)));
+    for (std::size_t box = by_columns_ ? own + 1 : 0; box < model_.strata.size(); ++box) {
+        if (box == own)
+            continue;
+        const double reach = (largest_[own] + largest_[box]) * (1 + 1e-9) + rounding;
+        std::vector<Beyond::Grain> found = grains_about(tile, box, reach);
+        if (found.empty())
+            continue;
+        Beyond& b = result.emplace_back();
+        b.reach = reach;
+        b.lower = b.upper = found.front().position;
+        for (const Beyond::Grain& g : found)
+            for (int k = 0; k < 3; ++k) {
+                b.lower[k] = std::min(b.lower[k], g.position[k]);
+                b.upper[k] = std::max(b.upper[k], g.position[k]);
+            }
+        const Vec3 size = b.upper - b.lower;
+        constexpr double most_cells = 32; // along one direction
+        b.cell = std::max(reach, std::max({size.x, size.y, size.z}) / most_cells);
+        for (int k = 0; k < 3; ++k)
+            b.count[static_cast<std::size_t>(k)] = static_cast<std::size_t>(size[k] / b.cell) + 1;
+        const auto cell = [&b](const Vec3& p) {
+            const Vec3 q = (p - b.lower) / b.cell;
+            return (static_cast<std::size_t>(q.z) * b.count[1] + static_cast<std::size_t>(q.y)) * b.count[0] +
+                   static_cast<std::size_t>(q.x);
+        };
+        b.start.assign(b.count[0] * b.count[1] * b.count[2] + 1, 0);
+        for (const Beyond::Grain& g : found)
+            ++b.start[cell(g.position) + 1];
+        for (std::size_t c = 1; c < b.start.size(); ++c)
+            b.start[c] += b.start[c - 1];
+        std::vector<std::uint32_t> fill(b.start.begin(), b.start.end() - 1);
+        b.grain.resize(found.size());
+        for (const Beyond::Grain& g : found)
+            b.grain[fill[cell(g.position)]++] = g;
+    }
+    return result;
+}
+
+/// Adds the contacts of a kept grain with later grains of other strata, in no order.
+void Expander::find_across(const std::vector<Beyond>& beyond, std::size_t tile, std::size_t row,
+                           std::uint64_t i, ContactsWanted wanted, std::vector<Found>& found) const {
+    const TiledModel::Tile& t = model_.tiles[tile];
+    const double scale = model_.scale_of(t.box);
+    const Vec3 centre =
+        grain_position(tile_corner(t.index, model_.edge_of(t.box)), scale, model_.boxes[t.box].position[row]);
+    const double radius = model_.boxes[t.box].radius[row] * scale;
+    const bool i_fixed = wanted == ContactsWanted::mobile && fixed(tile, row);
+    for (const Beyond& b : beyond) {
+        std::array<std::size_t, 3> first{}, last{};
+        bool clear = false;
+        for (int k = 0; k < 3; ++k) {
+            const auto at = static_cast<std::size_t>(k);
+            const double low = centre[k] - b.reach, high = centre[k] + b.reach;
+            clear = clear || low > b.upper[k] || high < b.lower[k];
+            first[at] = static_cast<std::size_t>(std::max(0.0, (low - b.lower[k]) / b.cell));
+            last[at] = std::min(static_cast<std::size_t>(std::max(0.0, (high - b.lower[k]) / b.cell)),
+                                b.count[at] - 1);
+        }
+        if (clear)
+            continue;
+        for (std::size_t z = first[2]; z <= last[2]; ++z)
+            for (std::size_t y = first[1]; y <= last[1]; ++y) {
+                const std::size_t line = (z * b.count[1] + y) * b.count[0];
+                for (std::uint32_t g = b.start[line + first[0]]; g < b.start[line + last[0] + 1]; ++g) {
+                    const Beyond::Grain& other = b.grain[g];
+                    const double overlap = radius + other.radius - norm(other.position - centre);
+                    if (overlap > 0 && other.number > i && !(i_fixed && other.fixed))
+                        found.push_back({other.number, overlap});
+                }
+            }
+    }
+}
+
+/// Visits (i, j, overlap in model metres) of the contacts whose lower particle lies in the tile, sorted by
+/// (i, j).
 template <class Visit>
 void Expander::for_each_contact(std::size_t tile, ContactsWanted wanted, Visit&& visit) const {
     const TiledModel::Tile& t = model_.tiles[tile];
     const BoxContacts& contacts = contacts_[t.box];
     const Neighbourhood near = neighbourhood(tile);
-    struct Found {
-        std::uint64_t j;
-        double normal_overlap;
-    };
+    const double scale = model_.scale_of(t.box);
+    const std::vector<Beyond> beyond = this->beyond(tile);
     std::vector<Found> found;
     for (std::size_t row = 0; row < model_.boxes[t.box].size(); ++row) {
         const std::uint64_t i = particle(tile, row);
@@ -252,8 +398,10 @@ void Expander::for_each_contact(std::size_t tile, ContactsWanted wanted, Visit&&
                 continue;
             if (wanted == ContactsWanted::mobile && i_fixed && fixed(other, partner.row))
                 continue;
-            found.push_back({j, partner.normal_overlap});
+            found.push_back({j, partner.normal_overlap * scale});
         }
+        if (!beyond.empty())
+            find_across(beyond, tile, row, i, wanted, found);
         std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.j < b.j; });
         for (const Found& f : found)
             visit(i, f.j, f.normal_overlap);
@@ -288,6 +436,9 @@ void Expander::for_each_later_contact(std::size_t tile, ContactsWanted wanted, V
     const std::array<Near, 27> near = this->near(tile);
     const Near& own = near[13];
     const bool mobile = wanted == ContactsWanted::mobile;
+    const double scale = model_.scale_of(t.box);
+    const std::vector<Beyond> beyond = this->beyond(tile);
+    std::vector<Found> found;
     std::uint64_t i = t.first_particle;
     const std::size_t size = model_.boxes[t.box].size();
     for (std::size_t row = 0; row < size; ++row) {
@@ -311,7 +462,14 @@ void Expander::for_each_later_contact(std::size_t tile, ContactsWanted wanted, V
                     continue;
                 j += other.rank[word] + static_cast<std::uint64_t>(std::popcount(bits & (bit - 1)));
             }
-            visit(i, j, partner.normal_overlap);
+            visit(i, j, partner.normal_overlap * scale);
+        }
+        if (!beyond.empty()) { // later than all of this stratum
+            found.clear();
+            find_across(beyond, tile, row, i, wanted, found);
+            std::sort(found.begin(), found.end(), [](const Found& a, const Found& b) { return a.j < b.j; });
+            for (const Found& f : found)
+                visit(i, f.j, f.normal_overlap);
         }
         ++i;
     }
@@ -342,6 +500,8 @@ void Expander::tiles(std::size_t first_tile, std::size_t last_tile, ContactsWant
         grains.species.assign(count, Species::grain);
     if (!model_.release_mask.empty())
         grains.release.assign(count, 0);
+    if (model_.has_materials())
+        grains.material.assign(count, 0);
 
     const std::size_t tile_count = last_tile - first_tile;
     const auto each_tile = [&](auto&& body) {
@@ -378,7 +538,7 @@ void Expander::tiles(std::size_t first_tile, std::size_t last_tile, ContactsWant
         each_contact(first_tile + k, [&](std::uint64_t i, std::uint64_t j, double overlap) {
             table.pair[at] = {static_cast<std::int64_t>(i), static_cast<std::int64_t>(j)};
             table.image[at] = {0, 0, 0};
-            table.normal_overlap[at++] = overlap * model_.scale;
+            table.normal_overlap[at++] = overlap;
         });
     });
 }

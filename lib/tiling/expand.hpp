@@ -3,6 +3,7 @@
 #include "base/thread_team.hpp"
 #include "particles/grains.hpp"
 #include "particles/tiled_model.hpp"
+#include "tiling/box_tree.hpp"
 
 #include <array>
 #include <cstddef>
@@ -39,7 +40,8 @@ public:
     /// Particles of the tiles [first_tile, last_tile) in the model's order. Contacts are those whose first
     /// (lower) particle is among them; they carry the numbers of the whole model, i < j, sorted, image 0,
     /// overlap scaled. A contact across tiles of different boxes is known where all boxes fit together
-    /// (variants, see seam_difference()), else it is left out.
+    /// (variants, see seam_difference()), else it is left out; contacts across strata are found by the
+    /// grains' places.
     Grains tiles(std::size_t first_tile, std::size_t last_tile, ContactsWanted wanted,
                  ThreadTeam& team) const;
     /// The same into `grains`, whose memory is used again.
@@ -67,6 +69,25 @@ private:
         bool there = false;
     };
     using Neighbourhood = std::array<std::uint32_t, 27>;
+    struct Found {
+        std::uint64_t j;
+        double normal_overlap; // model metres
+    };
+    /// Kept grains of another stratum about a tile, in cells.
+    struct Beyond {
+        struct Grain {
+            Vec3 position;
+            double radius;
+            std::uint64_t number;
+            bool fixed;
+        };
+        double reach;      // m, from a grain's centre to centres of these that touch it, at most
+        double cell;       // m
+        Vec3 lower, upper; // of the centres
+        std::array<std::size_t, 3> count; // of cells, x fastest
+        std::vector<std::uint32_t> start; // [cells + 1]
+        std::vector<Grain> grain;         // by cell
+    };
 
     void check_and_index();
     static BoxContacts both_ways(const PgBox& box);
@@ -75,6 +96,13 @@ private:
     const std::uint8_t* mask(const std::vector<std::uint8_t>& masks, std::size_t tile) const;
     void write_particles(std::size_t tile, Grains& grains, std::uint64_t base) const;
     std::array<Near, 27> near(std::size_t tile) const;
+    std::vector<Beyond> beyond(std::size_t tile) const;
+    std::vector<Beyond::Grain> grains_about(std::size_t tile, std::size_t box, double reach) const;
+    void find_across(const std::vector<Beyond>& beyond, std::size_t tile, std::size_t row, std::uint64_t i,
+                     ContactsWanted wanted, std::vector<Found>& found) const;
+    std::vector<std::uint32_t>::const_iterator
+    first_not_before(std::size_t box, const std::array<std::int32_t, 3>& index) const;
+    std::size_t lattice(std::size_t tile) const { return model_.strata.empty() ? 0 : model_.tiles[tile].box; }
     template <class Visit>
     void for_each_contact(std::size_t tile, ContactsWanted wanted, Visit&& visit) const;
     template <class Visit>
@@ -87,7 +115,9 @@ private:
     std::vector<std::uint64_t> mask_start_; // [tiles], first byte of a cut tile's mask
     std::vector<std::uint64_t> rank_start_; // [tiles], first entry of a cut tile's ranks
     std::vector<std::uint32_t> rank_;       // kept rows before each 64th row of a cut tile
-    std::vector<std::uint32_t> by_index_;   // tiles sorted by lattice coordinates
+    std::vector<std::uint32_t> by_index_;   // tiles sorted by lattice and its coordinates
+    std::vector<BoxTree> trees_;            // by box, where there are strata
+    std::vector<double> largest_;           // radius, m, by box, where there are strata
 };
 
 /// Expands the whole model some tiles at a time, so that what lies in memory at once does not grow with it.

@@ -19,8 +19,12 @@ ExpansionReport write_expanded(const std::string& path, const TiledModel& model,
     };
     ExpansionReport report;
     const Expander expander(model);
-    io::ExplicitFrame frame{model.origin, model.coordinate_system, model.domain, !model.fixed_mask.empty(),
-                            !model.release_mask.empty(), model.has_materials()};
+    io::ExplicitFrame frame{model.origin,
+                            model.coordinate_system,
+                            model.domain,
+                            !model.fixed_mask.empty(),
+                            !model.release_mask.empty(),
+                            model.has_materials()};
     io::ExplicitWriter writer(path, frame, provenance, config, overwrite);
     report.writing_time += lap();
     expand_in_parts(expander, wanted, team, [&](const Grains& grains) {

@@ -99,8 +99,11 @@ FileForecast forecast_file(const TrimForecast& f, std::optional<ContactsWanted> 
             whole ? contacts
                   : static_cast<std::uint64_t>(std::llround(f.contacts_per_particle * share *
                                                             static_cast<double>(all.particle_count)));
-    const io::ExplicitFrame frame{f.sample.origin, f.sample.coordinate_system, f.sample.domain,
-                                  !f.sample.fixed_mask.empty(), !f.sample.release_mask.empty(),
+    const io::ExplicitFrame frame{f.sample.origin,
+                                  f.sample.coordinate_system,
+                                  f.sample.domain,
+                                  !f.sample.fixed_mask.empty(),
+                                  !f.sample.release_mask.empty(),
                                   f.sample.has_materials()};
     const io::ExplicitFileSize size = io::explicit_file_size(grains, frame, provenance, config);
     result.bytes = size.others + io::ExplicitFileSize::plain(all.particle_count, result.contact_count) +
@@ -110,6 +113,45 @@ FileForecast forecast_file(const TrimForecast& f, std::optional<ContactsWanted> 
     result.memory = tiled_bytes(all, f.sample.boxes.front().size()) + at_once * particle_bytes +
                     scaled(result.contact_count * contact_bytes, at_once, all.particle_count) +
                     explicit_buffers(all.particle_count, result.contact_count);
+    return result;
+}
+
+FileForecast forecast_file(const Strata& strata, const StrataForecast& f,
+                           std::optional<ContactsWanted> explicit_form, ThreadTeam& team,
+                           const io::Provenance& provenance, const std::string& config) {
+    TrimForecast all;
+    all.sample = tiled_frame(strata);
+    bool whole = true;
+    for (std::size_t k = 0; k < strata.size(); ++k) {
+        const TrimForecast& own = f.stratum[k];
+        whole = whole && own.table.empty();
+        const TiledModel& sample = own.sample;
+        TileBatch batch{sample.tiles, sample.kept_mask, sample.fixed_mask, sample.release_mask};
+        const std::uint64_t first = all.sample.size();
+        for (TiledModel::Tile& tile : batch.tiles) {
+            tile.box = static_cast<std::uint8_t>(k);
+            tile.first_particle += first;
+        }
+        append(all.sample, batch);
+        add(all.sample_counts, own.sample_counts);
+        all.contacts_per_particle += own.contacts_per_particle *
+                                     static_cast<double>(own.counts.particle_count) /
+                                     static_cast<double>(f.counts.all.particle_count);
+    }
+    all.counts = f.counts.all;
+    if (whole)
+        return forecast_file(all, explicit_form, team, provenance, config);
+    FileForecast result;
+    for (std::size_t k = 0; k < strata.size(); ++k) {
+        TrimForecast own = f.stratum[k];
+        if (own.counts.particle_count == 0)
+            continue;
+        own.sample.strata = {{strata.stratum(k).scale, strata.stratum(k).material}};
+        const FileForecast part = forecast_file(own, explicit_form, team, provenance, config);
+        result.bytes += part.bytes;
+        result.memory += part.memory;
+        result.contact_count += part.contact_count;
+    }
     return result;
 }
 

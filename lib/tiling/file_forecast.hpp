@@ -2,6 +2,7 @@
 #pragma once
 #include "io/provenance.hpp"
 #include "tiling/expand.hpp"
+#include "tiling/strata.hpp"
 #include "tiling/trim.hpp"
 
 #include <cstdint>
@@ -22,5 +23,10 @@ struct FileForecast {
 /// @param explicit_form the contacts to write; absent: the tiled form
 FileForecast forecast_file(const TrimForecast& forecast, std::optional<ContactsWanted> explicit_form,
                            ThreadTeam& team, const io::Provenance& provenance, const std::string& config);
+/// The same of strata: exact where each one's sample is all of it; else the strata's forecasts added up,
+/// contacts across interfaces not counted.
+FileForecast forecast_file(const Strata& strata, const StrataForecast& forecast,
+                           std::optional<ContactsWanted> explicit_form, ThreadTeam& team,
+                           const io::Provenance& provenance, const std::string& config);
 
 } // namespace talus::tiling

@@ -43,8 +43,7 @@ bool contains(const Box& box, const Vec3& point) {
 
 } // namespace
 
-Part::Part(const TiledModel& table, const Box& box)
-    : table_(table), box_(box), margin_(slack(table, box)) {
+Part::Part(const TiledModel& table, const Box& box) : table_(table), box_(box), margin_(slack(table, box)) {
     if (!is_finite(box.lower) || !is_finite(box.upper) || !(box.lower.x < box.upper.x) ||
         !(box.lower.y < box.upper.y) || !(box.lower.z < box.upper.z))
         throw Error(ExitCode::configuration_invalid,

@@ -25,7 +25,7 @@ enum class Mark : std::uint8_t { outside, plain, fixed, released };
 /// grain by grain.
 enum class Cover : std::uint8_t { outside, plain, fixed, released, mixed };
 
-/// What a grain of one stratum found among the kept grains of the strata before it.
+/// What a grain of one stratum found among the kept grains of strata that go before it (see Strata).
 struct Meeting {
     bool dropped = false; ///< it overlaps one of them by more than is allowed
     double overlap = 0;   ///< largest with one of them, in radii of the smaller grain of the two

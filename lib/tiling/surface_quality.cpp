@@ -23,11 +23,12 @@ constexpr double none = -std::numeric_limits<double>::infinity();
 /// Looks straight down on the grains that a region keeps.
 class View {
 public:
-    View(std::span<const PgBox> boxes, std::uint64_t seed, double scale, const Region& region)
-        : boxes_(boxes), seed_(seed), scale_(scale), edge_(boxes.front().length * scale), region_(region) {
-        for (const PgBox& box : boxes) {
+    explicit View(const Filling& f)
+        : boxes_(f.boxes), seed_(f.seed), scale_(f.scale), edge_(f.boxes.front().length * f.scale),
+          region_(f.region) {
+        for (const PgBox& box : f.boxes) {
             trees_.emplace_back(box);
-            radius_ = std::max(radius_, largest_radius(box) * scale);
+            radius_ = std::max(radius_, largest_radius(box) * f.scale);
         }
     }
 
@@ -86,8 +87,16 @@ private:
 
 SurfaceQuality measure_surface(std::span<const PgBox> boxes, std::uint64_t seed, double scale,
                                const Region& region, ThreadTeam& team, std::uint64_t samples) {
-    const View view(boxes, seed, scale, region);
-    const double r = view.radius();
+    const Filling all{boxes, seed, scale, region};
+    return measure_surface({&all, 1}, seed, region, team, samples);
+}
+
+SurfaceQuality measure_surface(std::span<const Filling> fillings, std::uint64_t seed, const Region& region,
+                               ThreadTeam& team, std::uint64_t samples) {
+    const std::vector<View> views(fillings.begin(), fillings.end());
+    double r = 0;
+    for (const View& view : views)
+        r = std::max(r, view.radius());
     const Box bounds = region.bounds();
     const Vec3 size = bounds.lengths();
     const double cell = std::sqrt(size.x * size.y / static_cast<double>(std::max<std::uint64_t>(1, samples)));
@@ -112,7 +121,9 @@ SurfaceQuality measure_surface(std::span<const PgBox> boxes, std::uint64_t seed,
             if (!std::isfinite(top) || !std::isfinite(cosine))
                 continue; // at the edge, too
             const double reach = SurfaceQuality::search_depth * r / cosine;
-            const double envelope = view.envelope(x, y, top - reach - r, top + r / cosine);
+            double envelope = none;
+            for (const View& view : views)
+                envelope = std::max(envelope, view.envelope(x, y, top - reach - r, top + r / cosine));
             const double found = (top - envelope) * cosine / r;
             depth[k] = found < SurfaceQuality::search_depth ? found : open;
         }

@@ -24,10 +24,21 @@ struct SurfaceQuality {
     static constexpr double search_depth = 6;
 };
 
+/// Boxes that fill a region, as for trim().
+struct Filling {
+    std::span<const PgBox> boxes;
+    std::uint64_t seed = 0;
+    double scale = 1;
+    const Region& region;
+};
+
 /// Looks down at about `samples` places, one at random in each cell of a grid over the region's bounds; only
 /// the grains below each are asked for. The same at any number of threads.
 /// @param boxes,seed,scale as for trim
 SurfaceQuality measure_surface(std::span<const PgBox> boxes, std::uint64_t seed, double scale,
                                const Region& region, ThreadTeam& team, std::uint64_t samples = 4096);
+/// Of several fillings together, strata of `region`.
+SurfaceQuality measure_surface(std::span<const Filling> fillings, std::uint64_t seed, const Region& region,
+                               ThreadTeam& team, std::uint64_t samples = 4096);
 
 } // namespace talus::tiling

@@ -22,7 +22,7 @@ struct TrimCounts {
     std::uint64_t blocks_tested = 0; ///< blocks of cut tiles asked for their cover
     std::uint64_t grains_tested = 0; ///< grains asked one by one
     double kept_volume = 0;          ///< m3, sum of the kept grains' spheres
-    // At interfaces to strata before this one:
+    // At interfaces to strata that go before this one (see Strata):
     std::uint64_t dropped_count = 0; ///< grains left out because they overlap others too much
     double dropped_volume = 0;       ///< m3, sum of their spheres
     double largest_overlap = 0;      ///< of those kept, in radii of the smaller grain

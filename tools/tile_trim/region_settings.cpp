@@ -22,14 +22,6 @@ constexpr std::pair<const char*, Operation> operations[] = {{"add", Operation::a
                                                             {"intersect", Operation::intersect},
                                                             {"cut_out", Operation::cut_out}};
 
-/// Lengths in their number and positive, or nothing given.
-void check_extent(cli::Settings& settings, const std::string& key, const std::vector<double>& value,
-                  std::size_t count, const char* form) {
-    if (!value.empty() && (value.size() != count || !(*std::min_element(value.begin(), value.end()) > 0)))
-        settings.reject(key,
-                        fmt::format("found {} numbers, expected {} (positive lengths)", value.size(), form));
-}
-
 const tiling::SlopeRegion* slope_of(const tiling::Region& region) {
     const auto* combined = dynamic_cast<const tiling::CombinedRegion*>(&region);
     return dynamic_cast<const tiling::SlopeRegion*>(combined ? combined->base() : &region);
@@ -85,19 +77,8 @@ void RegionSettings::add_parts(cli::Settings& settings) {
             while (parts_.size() <= index)
                 parts_.push_back(std::make_unique<Part>());
             Part& part = *parts_[index];
-            for (std::size_t k = 0; k < std::size(operations); ++k) {
-                ShapeText& s = part.shape[k];
-                const std::string name = std::string(operations[k].first) + ".";
-                e.numbers(name + "cylinder", s.cylinder, cli::Unit::length,
-                          "D,H about the z-axis, upwards from 0");
-                e.numbers(name + "cuboid", s.cuboid, cli::Unit::length, "X,Y,Z from 0");
-                e.text(name + "mesh", s.mesh, "inside of a closed surface");
-                e.vec3(name + "offset", s.pose.offset, cli::Unit::length,
-                       "where the solid's origin goes, in coordinates of the map or of the model");
-                e.vec3(name + "axis", s.pose.axis, cli::Unit::none,
-                       "through the solid's origin, to turn about");
-                e.number(name + "angle", s.pose.angle, cli::Unit::angle, "right-handed about the axis");
-            }
+            for (std::size_t k = 0; k < std::size(operations); ++k)
+                part.shape[k].add_settings(e, operations[k].first);
             e.check([&e, &part] {
                 std::size_t given = 0;
                 for (std::size_t k = 0; k < std::size(operations); ++k) {
@@ -106,15 +87,7 @@ void RegionSettings::add_parts(cli::Settings& settings) {
                         continue;
                     ++given;
                     part.operation = operations[k].second;
-                    const ShapeText& s = part.shape[k];
-                    check_extent(e, name + ".cylinder", s.cylinder, 2, "[D, H]");
-                    check_extent(e, name + ".cuboid", s.cuboid, 3, "[X, Y, Z]");
-                    const int shapes = !s.cylinder.empty() + !s.cuboid.empty() + !s.mesh.empty();
-                    if (shapes != 1)
-                        e.reject(name, fmt::format("found {} shapes, expected one of cylinder, cuboid, mesh",
-                                                   shapes));
-                    if (norm(s.pose.axis) == 0)
-                        e.reject(name + ".axis", "found a zero vector, expected a direction");
+                    part.shape[k].check(e, name);
                 }
                 if (given != 1)
                     e.reject("add",
@@ -191,7 +164,9 @@ std::unique_ptr<tiling::Region> RegionSettings::slope(tiling::SurfaceRule rule, 
         s.domain = terrain::read_domain(domain_, system);
     if (!source_area_.empty())
         s.source_area = terrain::read_outline(source_area_, system);
-    return std::make_unique<tiling::SlopeRegion>(s);
+    auto region = std::make_unique<tiling::SlopeRegion>(s);
+    ground_ = std::move(s.pre);
+    return region;
 }
 
 std::unique_ptr<tiling::Region> RegionSettings::make(double radius_max) {
@@ -206,23 +181,13 @@ std::unique_ptr<tiling::Region> RegionSettings::make(double radius_max) {
             "the configuration");
     if (parts_.empty() && cut_out_.empty())
         return first;
-    const auto mesh = [](const std::string& path) {
-        return tiling::MeshShape(std::make_shared<const terrain::SurfaceMesh>(path));
-    };
     std::vector<tiling::RegionStep> steps;
     for (const auto& part : parts_) {
-        const ShapeText& s = part->shape[static_cast<std::size_t>(*part->operation)];
-        tiling::PlacedSolid::Shape shape = tiling::CuboidShape{};
-        if (!s.cylinder.empty())
-            shape = tiling::CylinderShape{s.cylinder[0], s.cylinder[1]};
-        else if (!s.cuboid.empty())
-            shape = tiling::CuboidShape{{s.cuboid[0], s.cuboid[1], s.cuboid[2]}};
-        else
-            shape = mesh(s.mesh);
-        steps.push_back({*part->operation, tiling::PlacedSolid(std::move(shape), s.pose)});
+        const ShapeText& shape = part->shape[static_cast<std::size_t>(*part->operation)];
+        steps.push_back({*part->operation, shape.make()});
     }
     for (const std::string& path : cut_out_)
-        steps.push_back({Operation::cut_out, tiling::PlacedSolid(mesh(path), {})});
+        steps.push_back({Operation::cut_out, tiling::PlacedSolid(read_mesh(path), {})});
     return std::make_unique<tiling::CombinedRegion>(
         std::move(first), std::move(steps),
         tiling::CombinationSettings{rule, radius_max, cut_out_margin_.value_or(1e-3 * radius_max)});

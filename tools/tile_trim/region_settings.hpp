@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 #include "cli/tool.hpp"
+#include "terrain/raster.hpp"
+#include "tile_trim/shape_text.hpp"
 #include "tiling/combined.hpp"
 #include "tiling/slope.hpp"
 
@@ -25,6 +27,8 @@ public:
         return !cylinder_.empty() || !cuboid_.empty() || !mesh_.empty() || !pre_.empty() || !parts_.empty();
     }
     const std::string& source_area() const { return source_area_; }
+    /// Elevations before the event, as the region made has them; absent: it is no slope.
+    const std::optional<talus::terrain::Raster>& ground() const { return ground_; }
 
     /// What a result says of the region: volumes, how the surfaces lie to each other, what was done to
     /// rasters.
@@ -33,12 +37,6 @@ public:
     std::vector<std::string> remarks(const talus::tiling::Region& region) const;
 
 private:
-    /// One shape of a part, as written.
-    struct ShapeText {
-        std::vector<double> cylinder, cuboid;
-        std::string mesh;
-        talus::tiling::Pose pose;
-    };
     /// One element of "region": one of the four is given.
     struct Part {
         ShapeText shape[4];
@@ -60,4 +58,5 @@ private:
     std::vector<std::unique_ptr<Part>> parts_;
     std::vector<std::string> cut_out_;
     talus::tiling::SurfaceNotes notes_;
+    std::optional<talus::terrain::Raster> ground_;
 };

@@ -101,7 +101,8 @@ def markdown(results):
                  f"{slide['grains']:,} grains, {slide['mobile']:,} of them mobile, {slide['released']:,} released; runs without sleep "
                  "differ by 1e-12 of the positions. Spread: largest less smallest; travel histogram: grains in other "
                  f"bins of {BIN:g} m, over those released. A further run without sleep would be outside by chance in "
-                 f"{slide['outside_by_chance']:.0%} of the cases, for each measure.", "", *slide_lines(slide), "", *verdict_of_slide(slide)]
+                 f"{slide['outside_by_chance']:.0%} of the cases, for each measure.", "", *slide_lines(slide), "",
+                 *verdict_of_slide(slide)]
     return "\n".join(text) + "\n"
 
 
@@ -120,7 +121,8 @@ def repose_curves(scene, clock):
             estimates.append({"curve": curve, "errors": {"e": value}, **common})
     return {scene["name"]: {"rows": differences, "plot": "e", "noise": 1,
                      "plot_label": "difference to no sleep / its standard error by chance"},
-            f"{scene['name']}_estimates": {"rows": estimates, "plot": "e", "plot_label": "error estimates and error; labels: tolerance"}}
+            f"{scene['name']}_estimates": {"rows": estimates, "plot": "e",
+                                           "plot_label": "error estimates and error; labels: tolerance"}}
 
 
 def slide_curves(slide, clock):

@@ -75,7 +75,8 @@ def compare(programs, name, tolerances, references, radius=None):
 
     def run(path, tolerance, what):
         done = programs.dem_run(path, scene, tolerance)
-        slide = programs.json("runout-analyse", done.pop("trajectory"), *slope["analyse"], "--histogram-from", BIN, "--bin-width", BIN)
+        slide = programs.json("runout-analyse", done.pop("trajectory"), *slope["analyse"], "--histogram-from", BIN,
+                              "--bin-width", BIN)
         done.update({key: slide[key] for key in MEASURES}, travel=histogram(slide).tolist(), tolerance=tolerance)
         note(f"  {name}, {what}: {done['wall_time']:.1f} s, moved {done['moved_volume']:.4g} m3, runout "
              f"{done['runout_length_95']:.1f} m, asleep {done['asleep_fraction']:.2f}")

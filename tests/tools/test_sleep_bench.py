@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The benchmark of sleep: what it measures is right on heaps and numbers that are known, and a small run of it tells all it should."""
+"""The benchmark of sleep: what it measures is right on heaps and numbers that are known, and a small run of it tells all."""
 import json
 import math
 import os

@@ -186,8 +186,8 @@ class Column(RankRuns):
 
     def test_restart_on_another_number_of_ranks(self):
         interrupted = 0
-        for attempt in range(60):
-            got = self.run_tool("dem-run", *self.arguments(), "--max-wall", "0.3s", "--resume", "auto",
+        for attempt in range(300):
+            got = self.run_tool("dem-run", *self.arguments(), "--max-wall", "0.05s", "--resume", "auto",
                                 wrapper=mpirun(1 + attempt % 2))
             if got.code != STOPPED:
                 break
@@ -197,7 +197,7 @@ class Column(RankRuns):
         self.assertSamePhysics("run.h5", "whole.h5")
 
     def test_another_mesh_is_refused(self):
-        got = self.run_tool("dem-run", *self.arguments(), "--max-wall", "0.2s")
+        got = self.run_tool("dem-run", *self.arguments(), "--max-wall", "0.02s")
         self.assertEqual(got.code, STOPPED, str(got))
         write_off(self.folder / "pier.off", box_points([1.05, 0.2, -0.1], [1.4, 0.81, 2]), BOX_FACES)
         self.fails(INPUT, "dem-run", *self.arguments(), "--resume", "auto", names="mesh")

@@ -82,9 +82,9 @@ Vec3 Simulation::moved_against_others(std::size_t row) const {
 /// No particle's share of the outer skin is larger (m).
 double Simulation::largest_outer_share() const {
     double most = 0.5 * widest_share * scene_.skin * largest_radius_ * wider_;
-    if (sleep_) // what is in the store is a cell away
+    if (sleep_) // what is in the store is a cell away: half of what lies between is for its way here
         most =
-            std::min(most, 0.5 * (sleep_->cells.edge() - 2 * largest_radius_ * reach_factor_ - bond_reach_));
+            std::min(most, 0.25 * (sleep_->cells.edge() - 2 * largest_radius_ * reach_factor_ - bond_reach_));
     for (int k = 0; k < 3; ++k)
         if (images_.box().periodic[static_cast<std::size_t>(k)])
             most = std::min(
@@ -245,10 +245,11 @@ void Simulation::adapt_skins(bool outer) {
     const auto adapt = [&](double skin, std::int64_t lasted, std::int64_t least, std::int64_t most) {
         return lasted < least ? 1.25 * skin : (lasted > most ? 0.8 * skin : skin);
     };
+    const bool worn = rebuilds_ > 0 && !(sleep_ && sleep_->wanted); // else made for sleepers
     if (outer) {
-        if (rebuilds_ > 0)
+        if (worn)
             skin_ = adapt(skin_, step_ - last_rebuild_, 150, 1000);
-        if (rebuilds_ > 0 && world_.alone() && !membrane_.any()) {
+        if (worn && world_.alone() && !membrane_.any()) {
             const auto pairs = static_cast<double>(list_.outer_size()),
                        moving = static_cast<double>(
                            std::max<std::size_t>(mobile_ - (sleep_ ? sleep_->count : 0), 1));

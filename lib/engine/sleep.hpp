@@ -177,6 +177,7 @@ struct Sleepers {
     double moving_speed = 0;       ///< m/s, from which on a particle lets nobody sleep where it comes
     int checks_needed = 0;         ///< one after the other, that a cell must be quiet
     double quantum = 0;            ///< N, of forces on sleepers
+    double mean_weight = 0;        ///< N, of those that may move
 
     SleepCells cells;
     SleepStore store;

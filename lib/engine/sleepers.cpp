@@ -6,10 +6,10 @@
 /// history, and grains further than a cell from any awake one go there themselves. Contacts of sleepers with
 /// awake grains are computed as ever.
 ///
-/// A cell wakes where the force on one of its sleepers has changed since it fell asleep by more than the
-/// tolerance allows (which covers contacts made, lost and slipping, and bonds broken), where a moving grain
-/// comes, where a moving wall comes, and where bonds are about to be broken. Who wakes stands where he
-/// stood, with all his contacts as they were: no force jumps.
+/// A cell wakes where the force on one of its sleepers, or on all of them against their weight, has changed
+/// since they fell asleep by more than the tolerance allows (which covers contacts made, lost and slipping,
+/// and bonds broken), where a moving grain comes, where a moving wall comes, and where bonds are about to be
+/// broken. Who wakes stands where he stood, with all his contacts as they were: no force jumps.
 ///
 /// What is done depends on the state alone, not on when lists are made or on the number of threads.
 #include "base/error.hpp"
@@ -81,6 +81,11 @@ void Simulation::prepare_sleep() {
     s.quiet_acceleration = s.tolerance * g;
     s.quiet_speed = 0.1 * s.tolerance * std::sqrt(g * mean_radius_);
     s.moving_speed = moving_factor * s.quiet_speed;
+    double weight = 0;
+    for (std::size_t row = 0; row < particles_.owned; ++row)
+        if (particles_.species[row] != Species::fixed)
+            weight += g * particles_.bodies[row].velocity.w;
+    s.mean_weight = weight / static_cast<double>(std::max<std::size_t>(mobile_, 1));
     const double fall = 2 * std::sqrt(mean_radius_ / g);
     s.checks_needed =
         std::clamp(static_cast<int>(std::ceil(window * fall / (static_cast<double>(sleep_interval) * dt))),
@@ -250,6 +255,7 @@ void Simulation::look_at_border() {
         std::vector<std::uint32_t> cells;
         ExactSum error = ExactSum(1.0);
         std::uint64_t count = 0;
+        std::vector<std::pair<std::uint32_t, Sleepers::Quanta>> changes; // by cell
     };
     std::vector<Part> parts(static_cast<std::size_t>(team_.size()));
     team_.for_range(start.size() - 1, [&](std::size_t begin, std::size_t end, int thread) {
@@ -258,18 +264,22 @@ void Simulation::look_at_border() {
             const std::uint32_t row = s.border[start[k]].row;
             const std::uint64_t id = particles_.id[row];
             const Sleepers::Quanta now = border_force(start[k], start[k + 1]);
+            Sleepers::Quanta quanta = now;
             Vec3 change;
             for (int d = 0; d < 3; ++d) {
                 const auto q = static_cast<std::size_t>(d);
-                change[d] = s.quantum * static_cast<double>(now[q] + s.balance[id][q]);
+                quanta[q] += s.balance[id][q];
+                change[d] = s.quantum * static_cast<double>(quanta[q]);
             }
+            const std::uint32_t cell = s.cells.of(particles_.bodies[row].position.vec());
+            part.changes.emplace_back(cell, quanta);
             const double relative = norm(change) / s.reference[id];
             if (now != Sleepers::Quanta{}) {
                 part.error.add(std::min(relative, 1e3));
                 ++part.count;
             }
             if (relative > wake_factor * s.tolerance)
-                part.cells.push_back(s.cells.of(particles_.bodies[row].position.vec()));
+                part.cells.push_back(cell);
         }
     });
     ExactSum error(1.0);
@@ -280,6 +290,22 @@ void Simulation::look_at_border() {
             judge(cell, wakes);
     }
     s.error_sum += error.value();
+    // Of a cell as a whole: what it carries may shift from grain to grain, but not its weight.
+    std::vector<std::pair<std::uint32_t, Sleepers::Quanta>> changes;
+    for (const Part& part : parts)
+        changes.insert(changes.end(), part.changes.begin(), part.changes.end());
+    std::sort(changes.begin(), changes.end());
+    for (std::size_t k = 0; k < changes.size();) {
+        const std::uint32_t cell = changes[k].first;
+        Sleepers::Quanta sum{};
+        for (; k < changes.size() && changes[k].first == cell; ++k)
+            for (std::size_t d = 0; d < 3; ++d)
+                sum[d] += changes[k].second[d];
+        const Vec3 change = s.quantum * Vec3{static_cast<double>(sum[0]), static_cast<double>(sum[1]),
+                                             static_cast<double>(sum[2])};
+        if (norm(change) > wake_factor * s.tolerance * s.mean_weight * s.sleepers[cell])
+            judge(cell, wakes);
+    }
 }
 
 /// Grains that touch a wall or a monitored structure stay awake, so that what these take stays exact: 1 by
@@ -316,7 +342,9 @@ std::vector<std::uint8_t> Simulation::rows_that_stay_awake() const {
 /// While the ground shakes or strength is lost nobody sleeps.
 void Simulation::look_at_triggers() {
     Sleepers& s = *sleep_;
-    const bool shaken = norm(body_acceleration() - scene_.gravity) > s.quiet_acceleration;
+    const bool shaken = scene_.shaking && onsets_[0] >= 0 &&
+                        scene_.shaking->record.peak() > s.quiet_acceleration &&
+                        time() - onsets_[0] <= scene_.shaking->record.end();
     if (!shaken && weakened_ == s.strength)
         return;
     s.strength = weakened_;

@@ -228,7 +228,7 @@ class Output(RankRuns):
                 try:
                     with h5py.File(self.folder / "run.h5.part", "r") as file:
                         last = max([c.attrs["step"] for c in file["granular/changes"].values()])
-                except (OSError, KeyError, RuntimeError, ValueError):
+                except (OSError, KeyError, RuntimeError, ValueError, AttributeError):  # being written
                     pass
                 if last >= 0.8 * steps:
                     break

@@ -415,7 +415,7 @@ TEST(Balance, DomainsFollowTheWork) {
     double mean = 0;
     for (const double busy : world().gather(many.rank_load().busy))
         mean += busy / world().size();
-    EXPECT_LE(busiest, 1.5 * mean);
+    EXPECT_LE(busiest, 1.8 * mean); // 2 with the cuts of the start; the machine's noise comes on top
 }
 
 TEST(Communicator, ExactSumsAndExchange) {

@@ -357,7 +357,6 @@ private:
     void count_sleeping_pair(const contact::History& history, std::uint32_t i, std::uint32_t j,
                              const std::array<std::int8_t, 3>& shift, int sign);
     void count_sleeper(std::size_t row, int sign);
-    double sleeping_potential(std::size_t row) const;
     bool is_asleep(std::size_t row) const;
     Vec3 stored_position(const SleepStore::Particle& particle) const;
     void save_sleep(SavedState& state) const;

@@ -134,7 +134,7 @@ Vec3 Simulation::stored_position(const SleepStore::Particle& particle) const {
     return x;
 }
 
-/// The last verdict counts, and to wake is the last one.
+/// The strongest verdict on a cell counts: to wake before to be audited before to sleep.
 void Simulation::judge(std::uint32_t cell, std::uint8_t verdict) {
     Sleepers& s = *sleep_;
     if (s.verdict[cell] == no_verdict)
@@ -494,13 +494,9 @@ void Simulation::settle_balances(int sign) {
     }
 }
 
-double Simulation::sleeping_potential(std::size_t row) const {
-    return -particles_.bodies[row].velocity.w * dot(scene_.gravity, unwrapped(row));
-}
-
 void Simulation::count_sleeper(std::size_t row, int sign) {
     Sleepers& s = *sleep_;
-    s.potential.add(sign * sleeping_potential(row));
+    s.potential.add(-sign * particles_.bodies[row].velocity.w * dot(scene_.gravity, unwrapped(row)));
     const std::uint32_t cell = s.cells.of(particles_.bodies[row].position.vec());
     if (sign > 0) {
         ++s.count;
@@ -640,9 +636,9 @@ std::vector<std::uint32_t> Simulation::regroup(Wrapped& wrapped, Carried& carrie
     }
 
     // Cells around awake grains are needed.
-    const std::uint32_t done = ++s.stamps, needed_from = done;
-    std::vector<std::uint32_t>& stamp = s.stamp; // >= needed_from: needed
-    std::vector<std::uint32_t> cells, needed;
+    const std::uint32_t done = ++s.stamps;
+    std::vector<std::uint32_t>& stamp = s.stamp; // done and above: needed
+    std::vector<std::uint32_t> needed;
     ++s.stamps;
     const std::uint32_t spread = s.stamps; // its neighbours are done
     const auto need_around = [&](const Vec3& x) {
@@ -650,7 +646,7 @@ std::vector<std::uint32_t> Simulation::regroup(Wrapped& wrapped, Carried& carrie
         if (stamp[cell] == spread)
             return;
         s.cells.for_around(cell, [&](std::uint32_t c) {
-            if (stamp[c] >= needed_from)
+            if (stamp[c] >= done)
                 return;
             stamp[c] = done;
             needed.push_back(c);
@@ -677,7 +673,7 @@ std::vector<std::uint32_t> Simulation::regroup(Wrapped& wrapped, Carried& carrie
         const Body& body = p.bodies[row];
         if (p.species[row] == Species::fixed) {
             const std::uint32_t cell = s.cells.of(body.position.vec());
-            if (stamp[cell] < needed_from) {
+            if (stamp[cell] < done) {
                 s.loaded[cell] = 0;
                 s.row_of[p.id[row]] = no_row;
                 s.store.put(cell,
@@ -826,7 +822,7 @@ std::size_t Simulation::sleep_memory() const {
     const Sleepers& s = *sleep_;
     return s.store.memory() + bytes(s.asleep) + bytes(s.reference) + bytes(s.balance) + bytes(s.row_of) +
            bytes(s.quiet) + bytes(s.sleepers) + bytes(s.loaded) + bytes(s.verdict) + bytes(s.stamp) +
-           bytes(s.asleep_row) + bytes(s.border);
+           bytes(s.unrest) + bytes(s.awake) + bytes(s.asleep_row) + bytes(s.border);
 }
 
 SleepReport Simulation::sleep_report() const {

@@ -109,7 +109,7 @@ void CombinedRegion::find_bounds() {
     bool begun = base_ != nullptr;
     if (base_) {
         origin_ = base_->origin();
-        bounds_ = moved(base_->bounds(), origin_); // in the coordinates of the map, for now
+        bounds_ = moved(base_->bounds(), origin_); // in the coordinates of the map, until the origin is known
     }
     for (const RegionStep& step : steps_) {
         const Box b = step.solid.bounds();

@@ -34,6 +34,14 @@ constexpr double outer_share_steps = 150;
 /// Steps that a particle's share of the close skin lasts at its present speed.
 constexpr double share_steps = 50;
 
+/// Particles go their own ways (search::LocalMotion) where the widest share of the outer skin would last the
+/// quickest less than so many steps. Lists then look so many steps ahead, about as many as they last.
+constexpr double own_ways_below = 12;
+constexpr std::int64_t least_ahead = 5, most_ahead = 40;
+
+/// By a hit, a particle takes on such a part of the velocity of the quickest around.
+constexpr double hit_share = 0.5;
+
 /// The local motion counts where it takes more than this part of the close skin meanwhile.
 constexpr double slow = 0.2;
 
@@ -92,6 +100,39 @@ double Simulation::largest_outer_share() const {
     return most;
 }
 
+/// Particles that collide wear out lists in some steps where these follow the mean motion around each. They
+/// go their own ways then.
+void Simulation::choose_ways() {
+    if (motion_.still() || !world_.alone() || straining_ || membrane_.any() || images_.any())
+        return;
+    const ParticleColumns& p = particles_;
+    std::vector<double> parts(static_cast<std::size_t>(team_.size()), 0);
+    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
+        double largest = 0;
+        for (std::size_t row = begin; row < end; ++row) {
+            const search::LocalMotion::Cell cell = motion_.of(row);
+            const Vec3 velocity = p.species[row] == Species::fixed ? Vec3{} : p.bodies[row].velocity.vec();
+            largest = std::max(largest, norm(velocity - cell.velocity()) + cell.shear);
+        }
+        parts[static_cast<std::size_t>(thread)] = largest;
+    });
+    // Who is too quick by far is nobody to look ahead for: the next step ends the run.
+    const double way = own_ways_below * time_step_.step * *std::max_element(parts.begin(), parts.end());
+    if (way > largest_outer_share() && way < 1e6 * largest_radius_)
+        motion_.set_own(p, team_);
+}
+
+search::CandidateList::Ahead Simulation::ahead() const {
+    return {motion_, motion_.own() ? static_cast<double>(steps_ahead_) * time_step_.step : 0};
+}
+
+/// What a particle may move aside while lists last because it is hit (m).
+double Simulation::hit_way(std::size_t row) const {
+    return motion_.own()
+               ? hit_share * static_cast<double>(steps_ahead_) * time_step_.step * motion_.agitation(row)
+               : 0;
+}
+
 /// Each particle has its share of the lists' skins: what it may move against the local motion until the list
 /// is made anew, more where it is fast. So a few fast particles do not make the lists of all the others long
 /// or short-lived.
@@ -106,7 +147,9 @@ void Simulation::set_outer_shares() {
             const Vec3 velocity = fixed ? Vec3{} : p.bodies[row].velocity.vec();
             const double speed = norm(velocity - cell.velocity()) + cell.shear;
             outer_share_[row] =
-                fixed && speed == 0 ? 0.0f : static_cast<float>(std::min(most, 0.5 * skin_ + dt * speed));
+                fixed && speed == 0
+                    ? 0.0f
+                    : static_cast<float>(std::min(most, 0.5 * skin_ + dt * speed + hit_way(row)));
         }
     });
     if (!world_.alone())
@@ -127,8 +170,9 @@ void Simulation::set_shares() {
             const bool fixed = p.species[row] == Species::fixed;
             const Vec3 velocity = fixed ? Vec3{} : p.bodies[row].velocity.vec();
             const double against = norm(velocity - cell.velocity()), speed = against + cell.shear;
-            share_[row] =
-                static_cast<float>(std::min(largest_share * outer_share_[row], close_skin_ + dt * speed));
+            share_[row] = motion_.own() ? outer_share_[row]
+                                        : static_cast<float>(std::min(largest_share * outer_share_[row],
+                                                                      close_skin_ + dt * speed));
             if (share_[row] > 0) // fixed ones are not looked at in every step
                 largest = std::max(largest, (fixed ? speed : double{cell.shear}) / share_[row]);
             smallest = std::min(smallest, double{share_[row]});
@@ -155,6 +199,7 @@ Simulation::Displacement Simulation::largest_displacement() {
     // Displacements are in the box of when the outer list was made, those since the close list in its box.
     const double stretched = std::max({f.x / g.x, f.y / g.y, f.z / g.z});
     const double outer_strain = outer_shortened * half_reach(), strain = close_shortened * half_reach();
+    const double spare = motion_.own() ? 0 : 1; // the close list is the outer one there
     team_.for_range(particles_.owned, [&](std::size_t begin, std::size_t end, int thread) {
         Displacement& largest = parts[static_cast<std::size_t>(thread)];
         for (std::size_t row = begin; row < end; ++row) {
@@ -164,9 +209,10 @@ Simulation::Displacement Simulation::largest_displacement() {
             const search::LocalMotion::Cell cell = motion_.of(row);
             const Vec3 against = moved - since * cell.velocity();
             const std::array<float, 3>& before = refreshed_[row];
-            largest.outer = std::max(largest.outer, (norm(against) + since * cell.shear + listed_rounding_ +
-                                                     outer_strain + (1 + outer_shortened) * share_[row]) /
-                                                        outer_share_[row]);
+            largest.outer =
+                std::max(largest.outer, (norm(against) + since * cell.shear + listed_rounding_ +
+                                         outer_strain + spare * (1 + outer_shortened) * share_[row]) /
+                                            outer_share_[row]);
             const double since_close = norm(against - Vec3{before[0], before[1], before[2]});
             largest.used = std::max(
                 largest.used, (stretched * since_close + since_refresh * cell.shear + strain) / share_[row]);
@@ -190,14 +236,14 @@ Simulation::Displacement Simulation::largest_displacement() {
 void Simulation::keep_lists_valid() {
     unsigned bits = 0;
     if (static_cast<double>(step_ - last_rebuild_) * time_step_.step > motion_holds_for_ ||
-        (sleep_ && sleep_->wanted)) {
+        (motion_.own() && step_ - last_rebuild_ > steps_ahead_) || (sleep_ && sleep_->wanted)) {
         bits = outer_list_is_worn;
     } else if (used_ > 1 || wall_used_ > wall_skin_) {
         const Displacement moved = largest_displacement();
         wall_used_ = moved.walls + wall_travel_;
         if (moved.outer > 1 || (walls_.any() && wall_used_ > worn_out * wall_skin_))
             bits = outer_list_is_worn;
-        else if (moved.used > worn_out)
+        else if (!motion_.own() && moved.used > worn_out)
             bits = close_list_is_worn;
         else
             used_ = moved.used;
@@ -247,9 +293,15 @@ void Simulation::adapt_skins(bool outer) {
     };
     const bool worn = rebuilds_ > 0 && !(sleep_ && sleep_->wanted); // else made for sleepers
     if (outer) {
-        if (worn)
+        const bool own = motion_.own();
+        if (worn && own) { // as many steps as the lists last
+            const std::int64_t lasted = step_ - last_rebuild_;
+            steps_ahead_ =
+                std::clamp(lasted > steps_ahead_ ? steps_ahead_ + 1 : lasted + 1, least_ahead, most_ahead);
+        }
+        if (worn && !own)
             skin_ = adapt(skin_, step_ - last_rebuild_, 150, 1000);
-        if (worn && world_.alone() && !membrane_.any()) {
+        if (worn && !own && world_.alone() && !membrane_.any()) {
             const auto pairs = static_cast<double>(list_.outer_size()),
                        moving = static_cast<double>(
                            std::max<std::size_t>(mobile_ - (sleep_ ? sleep_->count : 0), 1));
@@ -332,6 +384,12 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
         motion_.set_still();
     }
     motion_holds_for_ = world_.min(std::min(motion_.holds_for(), unseen));
+    choose_ways();
+    if (motion_.own())
+        motion_holds_for_ =
+            sleep_ && motion_.fastest() > 0
+                ? (sleep_->cells.edge() - touch - 2 * largest_outer_share()) / motion_.fastest()
+                : std::numeric_limits<double>::infinity();
     set_outer_shares();
     if (kernel_.traits.mixed) {
         p.half_motion.resize(p.known());
@@ -341,6 +399,8 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
     const auto own_end = outer_share_.begin() + static_cast<std::ptrdiff_t>(p.owned);
     wall_skin_ = p.owned == 0 ? 0 : 2.0 * *std::max_element(outer_share_.begin(), own_end);
     images_.make_ghosts(p, touch + wall_skin_);
+    if (motion_.own())
+        wall_skin_ += ahead().time * motion_.fastest();
     if (first)
         order.clear();
     set_shares();
@@ -358,7 +418,7 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
     }
     const search::CandidateList::Missed missed =
         list_.rebuild(p, reach_factor_, bond_reach_, outer_share_, close_factor, share_, order, old_owned,
-                      wrapped, live(), keys, team_);
+                      wrapped, live(), keys, ahead(), team_);
     if (all_bonds)
         set_shares();
     if (missed.bound > 0)

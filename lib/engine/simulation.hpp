@@ -207,6 +207,8 @@ public:
         return world_.sum(evaluated().contacts_ + (sleep_ ? sleep_->contacts : 0));
     }
     std::size_t candidates() const { return world_.sum(list_.size()); }
+    /// Whether present lists follow each particle's own motion instead of the mean around it.
+    bool own_ways() const { return motion_.own(); }
     std::size_t outer_candidates() const { return world_.sum(list_.outer_size()); }
     std::size_t bonds() const;
     std::size_t list_rebuilds() const { return rebuilds_; }
@@ -293,6 +295,9 @@ private:
     static double shortened(const Vec3& factor);
     double half_reach() const;
     double largest_outer_share() const;
+    void choose_ways();
+    double hit_way(std::size_t row) const;
+    search::CandidateList::Ahead ahead() const;
     void set_outer_shares();
     void set_shares();
     Vec3 moved_since_listed(std::size_t row) const;
@@ -436,9 +441,10 @@ private:
     bool was_unbalanced_ = false;                          ///< then
     std::size_t recuts_ = 0;
     std::size_t mobile_ = 0, contacts_ = 0, rebuilds_ = 0, refreshes_ = 0;
-    std::size_t active_ = 0;      ///< rows from here on do not move: fixed and sleeping ones
-    search::LocalMotion motion_;  ///< when the outer list was made
-    double motion_holds_for_ = 0; ///< s, on all ranks
+    std::size_t active_ = 0;       ///< rows from here on do not move: fixed and sleeping ones
+    search::LocalMotion motion_;   ///< when the outer list was made
+    double motion_holds_for_ = 0;  ///< s, on all ranks
+    std::int64_t steps_ahead_ = 8; ///< for which lists are made where particles go their own ways
     Vec3 listed_origin_;
     double listed_rounding_ = 0; ///< m, of listed_
     std::vector<std::array<float, 3>>

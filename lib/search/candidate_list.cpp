@@ -20,6 +20,9 @@ using Shift = std::array<std::int8_t, 3>;
 /// Of an outer pair that becomes a close one and was none.
 constexpr std::uint32_t not_before = no_candidate - 1;
 
+/// A particle is quick where half its way is more than this part of its radius.
+constexpr double quick_way = 0.1;
+
 /// Sizes fall into classes by powers of two below the largest radius.
 std::size_t size_class(double radius, double largest) {
     return static_cast<std::size_t>(std::clamp(std::ilogb(largest / radius), 0, 15));
@@ -68,8 +71,7 @@ std::uint32_t CandidateList::holder(const ParticleColumns& p, std::uint32_t i, s
     if (const bool i_moves = moves(p, i); i_moves != moves(p, j))
         return i_moves ? i : j;
     if (points_.size() > 1) {
-        const std::size_t class_i = size_class(p.bodies[i].position.w, largest_radius_),
-                          class_j = size_class(p.bodies[j].position.w, largest_radius_);
+        const std::size_t class_i = class_of(p, i), class_j = class_of(p, j);
         if (class_i != class_j)
             return class_i > class_j ? i : j;
     }
@@ -78,8 +80,15 @@ std::uint32_t CandidateList::holder(const ParticleColumns& p, std::uint32_t i, s
     return p.shift(j) > p.shift(i) ? i : j; // a particle and its own image
 }
 
+/// Classes by size, and quick ones after them.
+std::size_t CandidateList::class_of(const ParticleColumns& p, std::uint32_t row) const {
+    if (!quick_.empty() && quick_[p.owner(row)])
+        return size_classes_;
+    return size_classes_ == 1 ? 0 : size_class(p.bodies[row].position.w, largest_radius_);
+}
+
 void CandidateList::find(const ParticleColumns& p, double factor, double margin, std::span<const float> share,
-                         ThreadTeam& team) {
+                         const Ahead& ahead, ThreadTeam& team) {
     double usual_share = 0;
     for (const float s : share)
         usual_share += s / static_cast<double>(share.size());
@@ -89,23 +98,32 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
     double smallest_radius = largest_radius_;
     for (std::size_t row = 0; row < p.known(); ++row)
         smallest_radius = std::min(smallest_radius, p.bodies[row].position.w);
-    const std::size_t classes = p.owned == 0 ? 0 : size_class(smallest_radius, largest_radius_) + 1;
+    size_classes_ = p.owned == 0 ? 0 : size_class(smallest_radius, largest_radius_) + 1;
+    own_ways_ = ahead.motion.own();
+    const double half = 0.5 * ahead.time;
+    quick_.resize(own_ways_ ? p.owned : 0);
+    team.for_range(quick_.size(), [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row)
+            quick_[row] = half * norm(ahead.motion.of(row).velocity()) > quick_way * p.bodies[row].position.w;
+    });
+    const std::size_t classes = size_classes_ + (quick_.empty() ? 0 : 1);
     // Classes with rows that do not search themselves.
     std::vector<bool> is_found(classes, false);
     class_rows_.resize(classes);
     for (auto& rows : class_rows_)
         rows.clear();
     for (std::uint32_t row = 0; classes > 1 && row < p.size(); ++row) {
-        const std::size_t c = size_class(p.bodies[row].position.w, largest_radius_);
+        const std::size_t c = class_of(p, row);
         class_rows_[c].push_back(row);
         is_found[c] = is_found[c] || !moves(p, row) || p.in_halo(row);
     }
     points_.resize(classes);
     for (std::size_t c = 0; c < classes; ++c) {
-        const double radius = std::ldexp(largest_radius_, -static_cast<int>(c));
+        const double radius =
+            c == size_classes_ ? largest_radius_ : std::ldexp(largest_radius_, -static_cast<int>(c));
         if (classes == 1 || !class_rows_[c].empty())
             points_[c].build(p, class_rows_[c], factor, share, 2 * (radius * factor + usual_share) + margin,
-                             team);
+                             own_ways_ ? &ahead.motion : nullptr, half, team);
         else
             points_[c] = {};
     }
@@ -120,8 +138,29 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
             found = {};
         found.reserve(expected);
     }
+    // Those that do not move search nothing and mostly stand last; the rest is cut into parts of as many
+    // pairs as the last time.
+    std::size_t searching = p.owned;
+    while (searching > 0 && !moves(p, static_cast<std::uint32_t>(searching - 1)))
+        --searching;
+    first_.resize(searching + 1, first_.empty() ? 0 : first_.back());
+    const auto work_before = [&](std::size_t row) { return 4 * row + first_[row]; };
+    std::vector<std::size_t> part(threads + 1, searching);
+    part[0] = 0;
+    for (std::size_t t = 1; t < threads; ++t) {
+        const std::size_t share_of_work = work_before(searching) * t / threads;
+        std::size_t low = part[t - 1], high = searching;
+        while (low < high)
+            if (const std::size_t middle = (low + high) / 2; work_before(middle) < share_of_work)
+                low = middle + 1;
+            else
+                high = middle;
+        part[t] = low;
+    }
     first_.assign(p.owned + 1, 0);
-    team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
+    team.run([&](int thread) {
+        const std::size_t begin = part[static_cast<std::size_t>(thread)],
+                          end = part[static_cast<std::size_t>(thread) + 1];
         auto& found = found_[static_cast<std::size_t>(thread)];
         auto& near = near_[static_cast<std::size_t>(thread)];
         for (std::size_t row = begin; row < end; ++row) {
@@ -131,12 +170,16 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
             const bool sheet = of_membrane(p, i); // held together by its edges, not by contacts
             const std::size_t before = found.size();
             const Record self = p.bodies[i].position;
-            const std::size_t own = classes == 1 ? 0 : size_class(self.w, largest_radius_);
+            const std::size_t own = classes == 1 ? 0 : class_of(p, i);
             for (std::size_t c = 0; c < points_.size(); ++c) {
                 if (points_[c].size() == 0 || (c > own && !is_found[c]))
                     continue;
                 near.clear();
-                points_[c].near(self.vec(), self.w * factor + margin + share[row], near);
+                const double cutoff = self.w * factor + margin + share[row];
+                if (own_ways_)
+                    points_[c].near_way(self.vec(), ahead.motion.of(row).velocity(), cutoff, near);
+                else
+                    points_[c].near(self.vec(), cutoff, near);
                 for (const std::uint32_t j : near)
                     if (j != i &&
                         (c < own || (c == own ? holder(p, i, j) == i : !moves(p, j) || p.in_halo(j))) &&
@@ -272,8 +315,9 @@ CandidateList::Missed CandidateList::rebuild(const ParticleColumns& p, double fa
                                              std::span<const float> share,
                                              std::span<const std::uint32_t> old_row, std::size_t old_owned,
                                              std::span<const Shift> wrapped, Live live,
-                                             std::span<const KeyedPair> keyed, ThreadTeam& team) {
-    find(p, factor, margin, outer_share, team);
+                                             std::span<const KeyedPair> keyed, const Ahead& ahead,
+                                             ThreadTeam& team) {
+    find(p, factor, margin, outer_share, ahead, team);
     fit(previous_of_outer_, holder_.size());
     std::fill(previous_of_outer_.begin(), previous_of_outer_.end(), no_candidate);
     Missed missed;
@@ -305,7 +349,12 @@ void CandidateList::select(const ParticleColumns& p, double factor, std::span<co
     counts_.assign(threads + 1, 0);
     team.for_range(outer, [&](std::size_t begin, std::size_t end, int thread) {
         std::size_t count = 0;
-        for (std::size_t o = begin; o < end; ++o) {
+        if (own_ways_) { // the close list is the outer one
+            for (std::size_t o = begin; o < end; ++o)
+                previous_of_outer_[o] = std::min(previous_of_outer_[o], not_before);
+            count = end - begin;
+        }
+        for (std::size_t o = begin; o < end && !own_ways_; ++o) {
             const Record a = p.bodies[holder_[o]].position, b = p.bodies[partner_[o]].position;
             const double dx = b.x - a.x, dy = b.y - a.y, dz = b.z - a.z;
             const double reach =
@@ -404,6 +453,9 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
         }
     });
 
+    std::size_t summed_rows = p.owned; // those that do not move mostly stand last
+    while (summed_rows > 0 && reference_start_[summed_rows - 1] == reference_start_[p.owned])
+        --summed_rows;
     struct Keyed {
         std::uint64_t id;
         Reference reference;
@@ -416,7 +468,7 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
     const auto before = [&](const Keyed& a, const Keyed& b) {
         return a.id != b.id ? a.id < b.id : image(a.reference) < image(b.reference);
     };
-    team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
+    team.for_range(summed_rows, [&](std::size_t begin, std::size_t end, int) {
         std::vector<Keyed> keys;
         for (std::size_t row = begin; row < end; ++row) {
             Reference* const first = references_.data() + reference_start_[row];

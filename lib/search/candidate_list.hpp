@@ -3,6 +3,7 @@
 #include "base/aligned.hpp"
 #include "base/thread_team.hpp"
 #include "particles/columns.hpp"
+#include "search/local_motion.hpp"
 #include "search/sorted_points.hpp"
 
 #include <algorithm>
@@ -50,10 +51,11 @@ KeyedPair key_of(const ParticleColumns& p, const Candidate& c);
 /// Sakaguchi, Eur. Phys. J. Special Topics 196 (2011), who use such a table to avoid write conflicts).
 ///
 /// Each pair is held by one owned row: the one that is owned, the one that moves or, of two that do, the much
-/// smaller one or, of two alike, the lower one. Both lists are in the order of the holders' rows, so that
-/// (sizes alike) all pairs of a row stand before those of the next: it can be moved while its pairs' forces
-/// are still in the cache. Within each block of the close list, pairs with history come first, so that those
-/// without, which have nothing but a distance to be computed, stand together.
+/// smaller one or, of two alike, the lower one; quick ones (see Ahead) count as the smallest. Both lists are
+/// in the order of the holders' rows, so that (sizes alike) all pairs of a row stand before those of the
+/// next: it can be moved while its pairs' forces are still in the cache. Within each block of the close list,
+/// pairs with history come first, so that those without, which have nothing but a distance to be computed,
+/// stand together.
 class CandidateList {
 public:
     /// Candidates that vector code may read beyond the last one (repetitions of it).
@@ -71,6 +73,14 @@ public:
         bool operator()(std::size_t k) const {
             return (state[k] & mask) != 0 || (!offset.empty() && offset[k] != 0);
         }
+    };
+
+    /// Where particles have velocities of their own in the local motion, pairs are all that come within the
+    /// cutoff in some time if both keep these. Particles that go far in it are quick: they hold their pairs
+    /// with slow ones.
+    struct Ahead {
+        const LocalMotion& motion;
+        double time = 0; ///< s
     };
 
     /// Live pairs that a new list does not have.
@@ -99,7 +109,7 @@ public:
     Missed rebuild(const ParticleColumns& p, double factor, double margin, std::span<const float> outer_share,
                    double close_factor, std::span<const float> share, std::span<const std::uint32_t> old_row,
                    std::size_t old_owned, std::span<const std::array<std::int8_t, 3>> wrapped, Live live,
-                   std::span<const KeyedPair> keyed, ThreadTeam& team);
+                   std::span<const KeyedPair> keyed, const Ahead& ahead, ThreadTeam& team);
     /// Makes the close list anew from the outer one.
     void refresh(const ParticleColumns& p, std::span<const float> share, Live live, ThreadTeam& team);
 
@@ -142,7 +152,8 @@ public:
 private:
     using Shift = std::array<std::int8_t, 3>;
     void find(const ParticleColumns& p, double factor, double margin, std::span<const float> share,
-              ThreadTeam& team);
+              const Ahead& ahead, ThreadTeam& team);
+    std::size_t class_of(const ParticleColumns& p, std::uint32_t row) const;
     Missed match(const ParticleColumns& p, std::span<const std::uint32_t> old_row, std::size_t old_owned,
                  std::span<const Shift> wrapped, Live live, ThreadTeam& team);
     void match_keyed(const ParticleColumns& p, std::span<const KeyedPair> keyed, Live live, Missed& missed);
@@ -173,6 +184,9 @@ private:
     Column<std::uint32_t> row_scratch_;
     std::vector<std::size_t> counts_;
     double largest_radius_ = 0;
+    std::size_t size_classes_ = 0;
+    bool own_ways_ = false;           ///< of the particles in the local motion
+    std::vector<std::uint8_t> quick_; ///< [owned] where they have, else empty
 };
 
 } // namespace talus::search

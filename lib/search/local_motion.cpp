@@ -2,6 +2,8 @@
 #include "search/local_motion.hpp"
 
 #include <algorithm>
+#include <atomic>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -129,14 +131,61 @@ bool LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
                          0};
         }
     });
+    std::vector<std::uint32_t> deviation(cells, 0); // bits of floats, which order as their values do
+    team.for_range(n, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row) {
+            const std::size_t c = cell_of_[row];
+            const auto found = std::bit_cast<std::uint32_t>(
+                static_cast<float>(norm(p.bodies[row].velocity.vec() - cells_[c].velocity())));
+            const std::atomic_ref largest(deviation[c]);
+            for (std::uint32_t before = largest.load(std::memory_order_relaxed);
+                 before < found && !largest.compare_exchange_weak(before, found, std::memory_order_relaxed);)
+                ;
+        }
+    });
+    fit(agitation_, cells);
+    team.for_range(cells, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t c = begin; c < end; ++c) {
+            std::uint32_t largest = 0;
+            if (members_[c] > 0)
+                for_cells_within(c, 1, [&](std::size_t other, const std::array<int, 3>&) {
+                    largest = std::max(largest, deviation[other]);
+                });
+            agitation_[c] = std::bit_cast<float>(largest);
+        }
+    });
     still_ = false;
+    own_ = false;
     return std::any_of(cells_.begin(), cells_.end(),
                        [least](const Cell& cell) { return norm2(cell.velocity()) > least * least; });
 }
 
+void LocalMotion::set_own(const ParticleColumns& p, ThreadTeam& team) {
+    own_ = true;
+    holds_for_ = infinity;
+    fastest_ = 0;
+    Column<float> agitation(p.owned);
+    fit(cells_, p.owned);
+    std::vector<double> largest2(static_cast<std::size_t>(team.size()), 0);
+    team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
+        double& largest = largest2[static_cast<std::size_t>(thread)];
+        for (std::size_t row = begin; row < end; ++row) {
+            const Vec3 v = p.species[row] == Species::fixed ? Vec3{} : p.bodies[row].velocity.vec();
+            agitation[row] = agitation_[cell_of_[row]];
+            cells_[row] = {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z), 0};
+            cell_of_[row] = static_cast<std::uint32_t>(row);
+            largest = std::max(largest, norm2(cells_[row].velocity()));
+        }
+    });
+    fastest_ = std::sqrt(*std::max_element(largest2.begin(), largest2.end()));
+    agitation_ = std::move(agitation);
+}
+
 void LocalMotion::set_still() {
     still_ = true;
+    own_ = false;
     holds_for_ = infinity;
+    agitation_ = {};
     cells_ = {};
     cell_of_ = {};
     members_ = {};
@@ -235,7 +284,8 @@ void LocalMotion::find_shear(std::span<const Part> beyond, const std::array<Vec3
 }
 
 std::size_t LocalMotion::memory() const {
-    return cells_.capacity() * sizeof(Cell) + cell_of_.capacity() * sizeof(std::uint32_t);
+    return cells_.capacity() * sizeof(Cell) + agitation_.capacity() * sizeof(float) +
+           cell_of_.capacity() * sizeof(std::uint32_t);
 }
 
 } // namespace talus::search

@@ -19,6 +19,9 @@ namespace talus::search {
 /// neighbour's V. Then two particles of a pair cannot have moved against each other, a time t later, by more
 /// than D_i + D_j with D = |displacement - V t| + S t. Particles of cells that are no neighbours cannot have
 /// become a pair as long as t is within `holds_for()` and no D above its share of the list's reach.
+///
+/// Where particles collide, rather than flow, each has a velocity of its own instead, the one that it had:
+/// what counts then is how far they turn aside, whoever makes lists looks for what may come in their way.
 class LocalMotion {
 public:
     struct alignas(16) Cell {
@@ -51,7 +54,14 @@ public:
     /// @param beyond other ranks' cells near by
     /// @param range  velocities of all ranks' cells
     void find_shear(std::span<const Part> beyond, const std::array<Vec3, 2>& range, ThreadTeam& team);
+    /// Gives each particle its own velocity and no shear, until the field is found anew.
+    void set_own(const ParticleColumns& p, ThreadTeam& team);
+    bool own() const { return own_; }
+    /// Largest velocity (m s-1) of a particle, fixed ones too, against its cell's, in a row's cell and around
+    /// it.
+    double agitation(std::size_t row) const { return still_ ? 0 : double{agitation_[cell_of_[row]]}; }
     double holds_for() const { return holds_for_; } ///< s
+    double fastest() const { return fastest_; }     ///< m s-1, of particles with their own velocities
     double distance() const { return 2 * edge_; }   ///< m, up to which other ranks' cells are to be given
     bool still() const { return still_; }
 
@@ -72,9 +82,12 @@ private:
     double reach_ = 0, spare_ = 0;   ///< m
     double edge_ = 0;                ///< m, the least size of a cell
     double holds_for_ = 0;
+    double fastest_ = 0; ///< m s-1
     bool still_ = true;
     std::vector<std::uint32_t> members_; ///< particles in each cell, while the field is made
+    bool own_ = false;                   ///< there is a cell for each particle
     Column<Cell> cells_;
+    Column<float> agitation_;       ///< m s-1, by cell
     Column<std::uint32_t> cell_of_; ///< [owned]
 };
 

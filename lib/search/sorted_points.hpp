@@ -3,6 +3,7 @@
 #include "base/aligned.hpp"
 #include "base/thread_team.hpp"
 #include "particles/columns.hpp"
+#include "search/local_motion.hpp"
 
 #include <array>
 #include <cstdint>
@@ -20,15 +21,31 @@ public:
     /// times `factor` and its owner's share.
     /// @param rows  empty: all rows
     /// @param share [owned] m
+    /// @param motion where given, spheres are put where they are after some `time` (s) with its velocities,
+    /// and
+    ///               extend further by the way there
     void build(const ParticleColumns& p, std::span<const std::uint32_t> rows, double factor,
-               std::span<const float> share, double smallest_cell, ThreadTeam& team);
+               std::span<const float> share, double smallest_cell, const LocalMotion* motion, double time,
+               ThreadTeam& team);
 
     std::size_t size() const { return row_.size(); }
     /// Appends the rows with |x - centre| < near + extent to `out`.
     void near(const Vec3& centre, double near, std::vector<std::uint32_t>& out) const;
+    /// The same for a centre that moves with `velocity` (m s-1), at any time until twice that of build(): a
+    /// few more may be among them by the rounding of their ways.
+    void near_way(const Vec3& centre, const Vec3& velocity, double near,
+                  std::vector<std::uint32_t>& out) const;
     std::size_t memory() const;
 
+    /// In cell order.
+    struct Columns {
+        const float *x, *y, *z, *extent, *vx, *vy, *vz;
+        const std::uint32_t* row;
+    };
+
 private:
+    template <class Scan>
+    void for_cells_near(const Vec3& centre, double reach, Scan&& scan) const;
     int cell_along(int k, double x) const {
         const double f = (x - lower_[k]) * inverse_edge_[k];
         const int last = cells_[static_cast<std::size_t>(k)] - 1;
@@ -41,10 +58,12 @@ private:
                static_cast<std::size_t>(x);
     }
 
-    Vec3 lower_, inverse_edge_;
+    Vec3 lower_, edge_, inverse_edge_;
     std::array<int, 3> cells_{1, 1, 1};
     double largest_extent_ = 0, rounding_ = 0;
+    double time_ = 0; ///< s, at which the points are where they are here, from when build() was called
     Column<float> x_, y_, z_, extent_; ///< in cell order, a vector longer than there are points
+    Column<float> vx_, vy_, vz_;       ///< where they move on
     Column<std::uint32_t> row_, place_;
     std::vector<std::uint32_t> start_, fill_;
 };

@@ -36,7 +36,8 @@ std::size_t touching(const Snapshot& s, const Grains& g) {
                 continue;
             Vec3 branch = s.position[j] - s.position[i];
             for (int k = 0; k < 2; ++k)
-                branch[k] -= std::round(branch[k] / edge[k]) * edge[k];
+                if (g.box->periodic[static_cast<std::size_t>(k)])
+                    branch[k] -= std::round(branch[k] / edge[k]) * edge[k];
             count += norm(branch) < g.radius[i] + g.radius[j];
         }
     return count;
@@ -90,6 +91,55 @@ TEST(Flow, WhatComesFromFarIsSeen) {
         EXPECT_GT(seen, 100u) << periodic;
         EXPECT_LT(s.rest_state().rms_speed, 4.9) << periodic;
     }
+}
+
+/// A shower of quick grains from all sides upon a bed, part of which is fixed: each has a way of its own, and
+/// lists that follow the mean motion would be worn after each step or two.
+TEST(Flow, NoContactIsMissedWhereGrainsCollide) {
+    Grains g;
+    Philox random(7);
+    for (int k = 0; k < 800; ++k) {
+        const bool bed = k < 300;
+        const int layer = bed ? k / 100 : (k - 300) / 49;
+        const int n = bed ? 10 : 7, place = bed ? k % 100 : (k - 300) % 49;
+        const double pitch = 0.21 / n;
+        const auto noise = [&] { return 2 * random.uniform() - 1; };
+        g.position.push_back({(place % n + 0.5) * pitch, (place / n % n + 0.5) * pitch,
+                              bed ? (layer + 0.5) * 0.0205 : 0.08 + layer * pitch});
+        g.radius.push_back(0.008 + 0.002 * random.uniform());
+        g.species.push_back(k < 100 ? Species::fixed : Species::grain);
+        g.velocity.push_back(bed ? Vec3{} : 6.0 * Vec3{noise(), noise(), noise() - 0.5});
+    }
+    g.box = Box{{-1, -1, -1}, {1.2, 1.2, 2}, {}};
+    Scene scene = testing::bare_scene();
+    scene.material.youngs_modulus = 1e6;
+    scene.material.restitution = 0.8;
+    scene.material.friction = 0.3;
+    for (int k = 0; k < 4; ++k) {
+        const double sign = k % 2 ? -1 : 1;
+        Wall wall;
+        wall.name = std::to_string(k);
+        wall.point = k % 2 ? Vec3{0.21, 0.21, 0} : Vec3{};
+        wall.normal = k < 2 ? Vec3{sign, 0, 0} : Vec3{0, sign, 0};
+        wall.material = scene.material;
+        scene.walls.push_back(wall);
+    }
+    ThreadTeam team(2, 1);
+    Simulation s(scene, g, team);
+    std::size_t seen = 0;
+    const int steps = 600;
+    int own = 0;
+    for (int k = 0; k < steps; ++k) {
+        s.step();
+        const std::size_t expected = touching(s.snapshot(), g);
+        ASSERT_EQ(s.contacts(), expected) << "step " << k;
+        seen += expected;
+        own += s.own_ways();
+    }
+    EXPECT_GT(seen, 10000u);
+    EXPECT_GT(own, steps / 3);
+    EXPECT_GT(s.list_rebuilds(), steps / 40u);
+    EXPECT_LT(s.list_rebuilds(), steps / 4u);
 }
 
 TEST(Flow, ListsLastAsLongForGrainsThatFlyTogether) {

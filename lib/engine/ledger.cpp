@@ -93,25 +93,41 @@ Energies Simulation::energies() const {
     const ParticleColumns& p = particles_;
     const double scale = record_scale() * largest_radius_;
     ExactSum kinetic(scale), potential(scale), elastic(scale);
-    for (std::size_t row = 0; row < p.owned; ++row) {
-        if (p.species[row] == Species::fixed || membrane_.clamped_row(row))
-            continue;
-        const double m = p.bodies[row].velocity.w;
-        kinetic.add(0.5 * m * norm2(full_velocity(row)));
-        if (kernel_.traits.tangential)
-            kinetic.add(0.5 * p.bodies[row].angular_velocity.w * norm2(full_angular_velocity(row)));
-        potential.add(-m * dot(scene_.gravity, unwrapped(row)));
-    }
-    for (std::size_t k = 0; k < list_.size(); ++k) {
-        if (!(pairs_.state[k] & contact::contact_active) || (pairs_.state[k] & counted_elsewhere))
-            continue;
-        const search::Candidate c = list_.candidates()[k];
-        const Record &xi = p.bodies[c.i].position, &xj = p.bodies[c.j].position;
-        const double touch = xi.w + xj.w;
-        const double overlap =
-            touch - norm(xj.vec() - xi.vec()) - (pairs_.offset.empty() ? 0 : pairs_.offset[k]);
-        elastic.add(contact::normal_energy(constants_.of(p, c), xi.w * xj.w / touch, overlap,
-                                           pairs_.state[k] & contact::bond_intact));
+    struct Part {
+        ExactSum kinetic, potential, elastic;
+    };
+    std::vector<Part> parts(static_cast<std::size_t>(team_.size()),
+                            {ExactSum(scale), ExactSum(scale), ExactSum(scale)});
+    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
+        Part& part = parts[static_cast<std::size_t>(thread)];
+        for (std::size_t row = begin; row < end; ++row) {
+            if (p.species[row] == Species::fixed || membrane_.clamped_row(row))
+                continue;
+            const double m = p.bodies[row].velocity.w;
+            part.kinetic.add(0.5 * m * norm2(full_velocity(row)));
+            if (kernel_.traits.tangential)
+                part.kinetic.add(0.5 * p.bodies[row].angular_velocity.w * norm2(full_angular_velocity(row)));
+            part.potential.add(-m * dot(scene_.gravity, unwrapped(row)));
+        }
+    });
+    team_.for_range(list_.size(), [&](std::size_t begin, std::size_t end, int thread) {
+        Part& part = parts[static_cast<std::size_t>(thread)];
+        for (std::size_t k = begin; k < end; ++k) {
+            if (!(pairs_.state[k] & contact::contact_active) || (pairs_.state[k] & counted_elsewhere))
+                continue;
+            const search::Candidate c = list_.candidates()[k];
+            const Record &xi = p.bodies[c.i].position, &xj = p.bodies[c.j].position;
+            const double touch = xi.w + xj.w;
+            const double overlap =
+                touch - norm(xj.vec() - xi.vec()) - (pairs_.offset.empty() ? 0 : pairs_.offset[k]);
+            part.elastic.add(contact::normal_energy(constants_.of(p, c), xi.w * xj.w / touch, overlap,
+                                                    pairs_.state[k] & contact::bond_intact));
+        }
+    });
+    for (const Part& part : parts) {
+        kinetic.add(part.kinetic);
+        potential.add(part.potential);
+        elastic.add(part.elastic);
     }
     walls_.add_elastic_energy(p, elastic);
     if (sleep_) {

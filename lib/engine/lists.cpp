@@ -2,6 +2,7 @@
 /// The simulation's lists of near pairs: when they hold, when and how they are made anew.
 #include "base/error.hpp"
 #include "engine/simulation.hpp"
+#include "search/bounds.hpp"
 #include "search/ordering.hpp"
 
 #include <algorithm>
@@ -427,13 +428,8 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
                                 "a smaller time.step",
                                 missed.bound, step_));
     listed_.resize(p.owned);
-    constexpr double inf = std::numeric_limits<double>::infinity();
-    Vec3 lower{inf, inf, inf}, upper{-inf, -inf, -inf};
-    for (std::size_t row = 0; row < p.owned; ++row)
-        for (int k = 0; k < 3; ++k) {
-            lower[k] = std::min(lower[k], p.bodies[row].position.vec()[k]);
-            upper[k] = std::max(upper[k], p.bodies[row].position.vec()[k]);
-        }
+    const auto [lower, upper] = search::bounds(
+        p.owned, [&](std::size_t row) { return p.bodies[row].position.vec(); }, team_);
     listed_origin_ = p.owned == 0 ? Vec3{} : 0.5 * (lower + upper);
     listed_rounding_ = p.owned == 0 ? 0 : 0x1p-24 * norm(upper - lower);
     team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <tuple>
 #include <unordered_map>
@@ -89,15 +90,25 @@ std::size_t CandidateList::class_of(const ParticleColumns& p, std::uint32_t row)
 
 void CandidateList::find(const ParticleColumns& p, double factor, double margin, std::span<const float> share,
                          const Ahead& ahead, ThreadTeam& team) {
-    double usual_share = 0;
-    for (const float s : share)
-        usual_share += s / static_cast<double>(share.size());
-    largest_radius_ = 0;
-    for (std::size_t row = 0; row < p.known(); ++row)
-        largest_radius_ = std::max(largest_radius_, p.bodies[row].position.w);
-    double smallest_radius = largest_radius_;
-    for (std::size_t row = 0; row < p.known(); ++row)
-        smallest_radius = std::min(smallest_radius, p.bodies[row].position.w);
+    struct Sizes {
+        double shares = 0, largest = 0, smallest = std::numeric_limits<double>::infinity();
+    };
+    std::vector<Sizes> sizes(static_cast<std::size_t>(team.size()));
+    team.for_range(p.known(), [&](std::size_t begin, std::size_t end, int thread) {
+        Sizes& part = sizes[static_cast<std::size_t>(thread)];
+        for (std::size_t row = begin; row < end; ++row) {
+            part.shares += share[row];
+            part.largest = std::max(part.largest, p.bodies[row].position.w);
+            part.smallest = std::min(part.smallest, p.bodies[row].position.w);
+        }
+    });
+    Sizes all;
+    for (const Sizes& part : sizes)
+        all = {all.shares + part.shares, std::max(all.largest, part.largest),
+               std::min(all.smallest, part.smallest)};
+    const double usual_share = p.known() == 0 ? 0 : all.shares / static_cast<double>(p.known());
+    const double smallest_radius = all.smallest;
+    largest_radius_ = all.largest;
     size_classes_ = p.owned == 0 ? 0 : size_class(smallest_radius, largest_radius_) + 1;
     own_ways_ = ahead.motion.own();
     const double half = 0.5 * ahead.time;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "search/local_motion.hpp"
 
+#include "search/bounds.hpp"
+
 #include <algorithm>
 #include <atomic>
 #include <bit>
@@ -63,11 +65,12 @@ bool LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
     const std::size_t n = p.owned;
     reach_ = reach;
     spare_ = spare;
-    Vec3 lower = n > 0 ? p.bodies[0].position.vec() : Vec3{}, upper = lower;
-    for (std::size_t row = 0; row < n; ++row) {
-        const Record& x = p.bodies[row].position;
-        lower = {std::min(lower.x, x.x), std::min(lower.y, x.y), std::min(lower.z, x.z)};
-        upper = {std::max(upper.x, x.x), std::max(upper.y, x.y), std::max(upper.z, x.z)};
+    Vec3 lower, upper;
+    if (n > 0) {
+        const auto ends = bounds(
+            n, [&](std::size_t row) { return p.bodies[row].position.vec(); }, team);
+        lower = ends[0];
+        upper = ends[1];
     }
     // Between periodic sides the lattice goes all around, unless these particles are far from meeting there.
     for (int k = 0; k < 3; ++k) {
@@ -104,16 +107,32 @@ bool LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
     });
 
     const std::size_t cells = nx * ny * nz;
-    std::vector<Cell> sums(cells);
-    members_.assign(cells, 0);
-    for (std::size_t row = 0; row < n; ++row) {
-        Cell& cell = sums[cell_of_[row]];
-        const Record& v = p.bodies[row].velocity;
-        cell.vx += static_cast<float>(v.x);
-        cell.vy += static_cast<float>(v.y);
-        cell.vz += static_cast<float>(v.z);
-        ++members_[cell_of_[row]];
-    }
+    // Each thread adds up its rows, in lattices side by side.
+    const auto threads = static_cast<std::size_t>(team.size());
+    std::vector<Cell> sums(threads * cells);
+    std::vector<std::uint32_t> members(threads * cells, 0);
+    team.for_range(n, [&](std::size_t begin, std::size_t end, int thread) {
+        const std::size_t first = static_cast<std::size_t>(thread) * cells;
+        for (std::size_t row = begin; row < end; ++row) {
+            Cell& cell = sums[first + cell_of_[row]];
+            const Record& v = p.bodies[row].velocity;
+            cell.vx += static_cast<float>(v.x);
+            cell.vy += static_cast<float>(v.y);
+            cell.vz += static_cast<float>(v.z);
+            ++members[first + cell_of_[row]];
+        }
+    });
+    team.for_range(cells, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t c = begin; c < end; ++c)
+            for (std::size_t t = 1; t < threads; ++t) {
+                sums[c].vx += sums[t * cells + c].vx;
+                sums[c].vy += sums[t * cells + c].vy;
+                sums[c].vz += sums[t * cells + c].vz;
+                members[c] += members[t * cells + c];
+            }
+    });
+    members.resize(cells);
+    members_ = std::move(members);
     // The sums of a cell and its neighbours together make a smoother field than a few particles each, with
     // less shear.
     fit(cells_, cells);

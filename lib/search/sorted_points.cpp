@@ -6,6 +6,7 @@
 #include <hwy/foreach_target.h>
 
 #include "base/simd-inl.hpp"
+#include "search/bounds.hpp"
 
 #include <array>
 #include <bit>
@@ -73,7 +74,6 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace talus::search {
 
@@ -90,10 +90,8 @@ void SortedPoints::build(const ParticleColumns& p, std::span<const std::uint32_t
                          std::span<const float> share, double smallest_cell, const LocalMotion* motion,
                          double time, ThreadTeam& team) {
     time_ = motion != nullptr ? time : 0;
-    constexpr double inf = std::numeric_limits<double>::infinity();
     const std::size_t n = rows.empty() ? p.size() : rows.size();
     const auto row_of = [&](std::size_t k) { return rows.empty() ? static_cast<std::uint32_t>(k) : rows[k]; };
-    Vec3 lower{inf, inf, inf}, upper{-inf, -inf, -inf};
     const auto way_of = [&](std::uint32_t row) {
         return motion != nullptr ? time * motion->of(p.owner(row)).velocity() : Vec3{};
     };
@@ -101,15 +99,25 @@ void SortedPoints::build(const ParticleColumns& p, std::span<const std::uint32_t
     const auto extent_of = [&](std::uint32_t row) {
         return p.bodies[row].position.w * factor + share[p.owner(row)];
     };
+    const auto [lower, upper] = bounds(
+        n, [&](std::size_t k) { return place_of(row_of(k)); }, team);
+    struct Largest {
+        double extent = 0, way = 0;
+    };
+    std::vector<Largest> parts(static_cast<std::size_t>(team.size()));
+    team.for_range(n, [&](std::size_t begin, std::size_t end, int thread) {
+        Largest& largest = parts[static_cast<std::size_t>(thread)];
+        for (std::size_t k = begin; k < end; ++k) {
+            const double way = norm(way_of(row_of(k)));
+            largest.way = std::max(largest.way, way);
+            largest.extent = std::max(largest.extent, extent_of(row_of(k)) + way);
+        }
+    });
     double longest_way = 0;
     largest_extent_ = 0;
-    for (std::size_t k = 0; k < n; ++k) {
-        const Vec3 r = place_of(row_of(k));
-        lower = {std::min(lower.x, r.x), std::min(lower.y, r.y), std::min(lower.z, r.z)};
-        upper = {std::max(upper.x, r.x), std::max(upper.y, r.y), std::max(upper.z, r.z)};
-        const double way = motion != nullptr ? norm(way_of(row_of(k))) : 0;
-        longest_way = std::max(longest_way, way);
-        largest_extent_ = std::max(largest_extent_, extent_of(row_of(k)) + way);
+    for (const Largest& part : parts) {
+        longest_way = std::max(longest_way, part.way);
+        largest_extent_ = std::max(largest_extent_, part.extent);
     }
     // At most a few cells per point: they grow where points are sparse.
     const Vec3 extent = n > 0 ? upper - lower : Vec3{};

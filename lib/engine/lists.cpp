@@ -17,7 +17,7 @@ namespace talus::engine {
 namespace {
 
 /// Particles are put back into space-filling order with every so many lists: neighbours drift apart slowly.
-constexpr std::size_t rebuilds_per_reorder = 10;
+constexpr std::size_t rebuilds_per_reorder = 4;
 
 /// A list is kept on where really no more than this part of its skin is used up.
 constexpr double worn_out = 0.7;

@@ -28,7 +28,7 @@ TimeStep choose_time_step(const Scene& scene, const QuickestGrain& quickest, boo
     chosen.reason = fmt::format("{:.4g} s = {:.3g} of the {}", chosen.step, fraction, time);
     if (!(chosen.step > 0))
         throw Error(ExitCode::configuration_invalid, "time.step: the time step must be above zero");
-    const double limit = stable_fraction(tangential);
+    const double limit = stable_fraction(tangential, scene.bond.has_value());
     if (fraction > limit * (1 + 1e-12) && !scene.allow_unstable)
         throw Error(
             ExitCode::configuration_invalid,
@@ -36,7 +36,7 @@ TimeStep choose_time_step(const Scene& scene, const QuickestGrain& quickest, boo
                 "time.step: {} is above the stable limit of {:.4g} s ({} of that time{}), beyond which "
                 "dense packings gain energy; take a smaller step or set time.allow_unstable",
                 chosen.reason, limit * chosen.rayleigh_time, limit,
-                tangential ? ", with friction or bonds" : ""));
+                scene.bond ? ", with bonds" : (tangential ? ", with friction" : "")));
     return chosen;
 }
 

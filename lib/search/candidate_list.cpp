@@ -181,7 +181,7 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
             const bool sheet = of_membrane(p, i); // held together by its edges, not by contacts
             const std::size_t before = found.size();
             const Record self = p.bodies[i].position;
-            const std::size_t own = classes == 1 ? 0 : class_of(p, i);
+            const std::size_t own = class_of(p, i);
             for (std::size_t c = 0; c < points_.size(); ++c) {
                 if (points_[c].size() == 0 || (c > own && !is_found[c]))
                     continue;

@@ -150,8 +150,16 @@ bool LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
                          0};
         }
     });
-    std::vector<std::uint32_t> deviation(cells, 0); // bits of floats, which order as their values do
-    team.for_range(n, [&](std::size_t begin, std::size_t end, int) {
+    still_ = false;
+    own_ = false;
+    return std::any_of(cells_.begin(), cells_.end(),
+                       [least](const Cell& cell) { return norm2(cell.velocity()) > least * least; });
+}
+
+void LocalMotion::set_own(const ParticleColumns& p, ThreadTeam& team) {
+    // Largest deviation of a cell's particles, as bits of floats, which order as their values do.
+    std::vector<std::uint32_t> deviation(cells_.size(), 0);
+    team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t row = begin; row < end; ++row) {
             const std::size_t c = cell_of_[row];
             const auto found = std::bit_cast<std::uint32_t>(
@@ -162,42 +170,34 @@ bool LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
                 ;
         }
     });
-    fit(agitation_, cells);
-    team.for_range(cells, [&](std::size_t begin, std::size_t end, int) {
+    std::vector<float> around(cells_.size(), 0);
+    team.for_range(cells_.size(), [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t c = begin; c < end; ++c) {
             std::uint32_t largest = 0;
             if (members_[c] > 0)
                 for_cells_within(c, 1, [&](std::size_t other, const std::array<int, 3>&) {
                     largest = std::max(largest, deviation[other]);
                 });
-            agitation_[c] = std::bit_cast<float>(largest);
+            around[c] = std::bit_cast<float>(largest);
         }
     });
-    still_ = false;
-    own_ = false;
-    return std::any_of(cells_.begin(), cells_.end(),
-                       [least](const Cell& cell) { return norm2(cell.velocity()) > least * least; });
-}
-
-void LocalMotion::set_own(const ParticleColumns& p, ThreadTeam& team) {
     own_ = true;
     holds_for_ = infinity;
-    fastest_ = 0;
-    Column<float> agitation(p.owned);
+    members_ = {};
     fit(cells_, p.owned);
+    fit(agitation_, p.owned);
     std::vector<double> largest2(static_cast<std::size_t>(team.size()), 0);
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
         double& largest = largest2[static_cast<std::size_t>(thread)];
         for (std::size_t row = begin; row < end; ++row) {
             const Vec3 v = p.species[row] == Species::fixed ? Vec3{} : p.bodies[row].velocity.vec();
-            agitation[row] = agitation_[cell_of_[row]];
+            agitation_[row] = around[cell_of_[row]];
             cells_[row] = {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z), 0};
             cell_of_[row] = static_cast<std::uint32_t>(row);
             largest = std::max(largest, norm2(cells_[row].velocity()));
         }
     });
     fastest_ = std::sqrt(*std::max_element(largest2.begin(), largest2.end()));
-    agitation_ = std::move(agitation);
 }
 
 void LocalMotion::set_still() {
@@ -299,7 +299,6 @@ void LocalMotion::find_shear(std::span<const Part> beyond, const std::array<Vec3
     holds_for_ = std::min(holds_for_, *std::min_element(shortest.begin(), shortest.end()));
     for (std::size_t c = 0; c < cells; ++c) // rounded up: it is a bound
         cells_[c].shear = static_cast<float>(0.5 * std::sqrt(largest2[c]) * (1 + 1e-6));
-    members_ = {};
 }
 
 std::size_t LocalMotion::memory() const {

@@ -57,9 +57,9 @@ public:
     /// Gives each particle its own velocity and no shear, until the field is found anew.
     void set_own(const ParticleColumns& p, ThreadTeam& team);
     bool own() const { return own_; }
-    /// Largest velocity (m s-1) of a particle, fixed ones too, against its cell's, in a row's cell and around
-    /// it.
-    double agitation(std::size_t row) const { return still_ ? 0 : double{agitation_[cell_of_[row]]}; }
+    /// With own velocities: the largest velocity (m s-1) of a particle, fixed ones too, against the mean
+    /// motion, in a row's cell and around it.
+    double agitation(std::size_t row) const { return double{agitation_[row]}; }
     double holds_for() const { return holds_for_; } ///< s
     double fastest() const { return fastest_; }     ///< m s-1, of particles with their own velocities
     double distance() const { return 2 * edge_; }   ///< m, up to which other ranks' cells are to be given
@@ -84,10 +84,10 @@ private:
     double holds_for_ = 0;
     double fastest_ = 0; ///< m s-1
     bool still_ = true;
-    std::vector<std::uint32_t> members_; ///< particles in each cell, while the field is made
+    std::vector<std::uint32_t> members_; ///< particles in each cell of the lattice
     bool own_ = false;                   ///< there is a cell for each particle
     Column<Cell> cells_;
-    Column<float> agitation_;       ///< m s-1, by cell
+    Column<float> agitation_;       ///< m s-1, [owned] with own velocities
     Column<std::uint32_t> cell_of_; ///< [owned]
 };
 

@@ -21,6 +21,11 @@ struct Features {
 /// State of one contact between steps, as bits.
 enum : std::uint8_t { contact_active = 1, bond_intact = 2, bond_broken = 4 };
 
+/// Shares of a contact's dashpots that the step can follow.
+struct DampingScale {
+    double normal = 1, tangential = 1;
+};
+
 /// Geometry and motion of one pair at the full step t, from i's point of view; for a wall j is the wall.
 struct Motion {
     Vec3 normal;         ///< unit, from i to j
@@ -34,7 +39,7 @@ struct Motion {
     Vec3 spin;                   ///< arm_i wi + arm_j wj at t, m s-1
     Vec3 half_spin;              ///< the same at t - dt/2
     double half_twist = 0;       ///< rad s-1, mean spin of both about the normal at t - dt/2
-    double damping_scale = 1;    ///< share of the dashpots that the step can follow, see damping_scale()
+    DampingScale damping_scale;  ///< see damping_scale()
 };
 
 /// What one contact remembers.
@@ -57,17 +62,17 @@ struct Force {
 
 /// An explicit step follows damping only while a particle's dashpots together take out of it less than about
 /// half of its relative motion in one step. `load` is sum(eta_n) dt / m over the particle's contacts; beyond
-/// this limit all dashpots of the particle are weakened alike. Grains that collide one at a time stay far
-/// below it (0.02 to 0.1 at restitution 0.2 and a step of 0.2 Rayleigh times); a grain held by eight loaded,
-/// sheared contacts does not, and its noise would grow from step to step. With friction, spin couples to all
-/// dashpots: lower.
-template <class F>
-constexpr double largest_damping_load = F::tangential ? 0.12 : 0.4;
+/// these limits all dashpots of the particle are weakened alike. Grains that collide one at a time stay far
+/// below them (0.02 to 0.1 at restitution 0.2 and a step of 0.2 Rayleigh times); a grain held by eight
+/// loaded, sheared contacts does not, and its noise would grow from step to step. Spin couples to all
+/// tangential dashpots, and a sphere's inertia is small: their limit is lower.
+constexpr double largest_damping_load = 0.4, largest_tangential_damping_load = 0.12;
 
-/// Share of a pair's dashpot that may act, from the loads of its two particles.
-template <class F>
-inline double damping_scale(double load_i, double load_j) {
-    return largest_damping_load<F> / std::max({largest_damping_load<F>, load_i, load_j});
+/// Shares of a pair's dashpots that may act, from the loads of its two particles.
+inline DampingScale damping_scale(double load_i, double load_j) {
+    const double load = std::max(load_i, load_j);
+    return {std::min(1.0, largest_damping_load / load),
+            std::min(1.0, largest_tangential_damping_load / load)};
 }
 
 /// Elastic energy of the normal spring at overlap dn (m), J; a stretched bond softens beyond its strength
@@ -151,7 +156,7 @@ template <class F>
     const double vn = dot(m.velocity, m.normal);
     const double elastic = kn * overlap;
     f.damping = c.damping * (F::linear ? m.effective_mass : std::sqrt(m.effective_mass * kn));
-    const double eta_n = m.damping_scale * f.damping;
+    const double eta_n = m.damping_scale.normal * f.damping;
     const double spring_dashpot = elastic + eta_n * vn;
     f.normal = spring_dashpot;
     double conservative = elastic;
@@ -175,7 +180,7 @@ template <class F>
     double kt = 0, eta_t = 0;
     if constexpr (F::tangential) {
         kt = c.tangential_stiffness * root;
-        eta_t = eta_n * c.tangential_damping;
+        eta_t = m.damping_scale.tangential * f.damping * c.tangential_damping;
         vt = m.velocity - vn * m.normal + cross(m.spin, m.normal);
         if (step > 0) {
             const Vec3 middle = half_normal(m, step);

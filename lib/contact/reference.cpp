@@ -12,7 +12,7 @@ Vec3 in_plane(const Vec3& v, const Vec3& n) {
 } // namespace
 
 ReferenceResult reference_pair_force(const Constants& c, const ReferenceParticle& i,
-                                     const ReferenceParticle& j, double step, History& h, bool tangential) {
+                                     const ReferenceParticle& j, double step, History& h) {
     ReferenceResult out;
     const Vec3 branch = j.position - i.position;
     const double distance = std::max(norm(branch), 1e-30);
@@ -39,12 +39,11 @@ ReferenceResult reference_pair_force(const Constants& c, const ReferenceParticle
     const double Kn = linear ? c.normal_stiffness : c.normal_stiffness * std::sqrt(R * std::abs(dn)); // Eq. 9
     const double Kt =
         linear ? c.tangential_stiffness : c.tangential_stiffness * std::sqrt(R * std::abs(dn)); // Eq. 10
-    const double limit = tangential ? largest_damping_load<Features<true, false, false>>
-                                    : largest_damping_load<Features<false, false, false>>;
-    const double share = std::min(1.0, limit / std::max(i.damping_load, j.damping_load));
+    const DampingScale share = damping_scale(i.damping_load, j.damping_load);
     const double eta = linear ? c.damping * M : c.damping * std::sqrt(M * Kn); // Eq. 11
-    const double eta_n = share * eta;
-    const double eta_t = share * (linear ? c.tangential_damping * eta : c.damping * std::sqrt(M * Kt));
+    const double eta_n = share.normal * eta;
+    const double eta_t =
+        share.tangential * (linear ? c.tangential_damping * eta : c.damping * std::sqrt(M * Kt));
     const double stretch = c.lever_arm == LeverArm::contact_point ? distance / touch : 1.0;
     const double arm_i = i.radius * stretch, arm_j = j.radius * stretch;
 

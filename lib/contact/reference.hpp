@@ -19,6 +19,6 @@ struct ReferenceResult {
 /// The law written out as physics.md reads, equation by equation, all cases decided at run time: slow, and
 /// the measure for every fast kernel (equal to 1e-12 relative). Brings `h` forward by `step` seconds.
 ReferenceResult reference_pair_force(const Constants& c, const ReferenceParticle& i,
-                                     const ReferenceParticle& j, double step, History& h, bool tangential);
+                                     const ReferenceParticle& j, double step, History& h);
 
 } // namespace talus::contact

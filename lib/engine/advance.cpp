@@ -86,7 +86,8 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowO
     const Quad step = quad(dt), half = quad(0.5 * dt), zero = quad(0);
     const Quad gravity = load_record(Record(work.gravity, 0));
     const Quad rounding = load_record(Record(work.rounding, 0));
-    const Quad viscous = quad(work.viscous_damping);
+    // the drag at t is that of the velocity half-way between the old and the new one: stable at any step
+    const Quad viscous = quad(work.viscous_damping), shrink = quad(1 / (1 + 0.5 * work.viscous_damping * dt));
     for (std::size_t number = begin; number < end; ++number) {
         const std::size_t row = row_of(number);
         if (Checked && work.hold[row])
@@ -118,11 +119,11 @@ void move_rows(const AdvanceWork& work, std::size_t begin, std::size_t end, RowO
                     sum = sum + load_record(Record(work.membrane.force(node), 0));
             a = sum * quad(1 / v.w) + gravity;
             if (work.viscous_damping > 0)
-                a = a - viscous * (old_v + load_quad(&kick.vx));
+                a = shrink * (a - viscous * old_v);
             if constexpr (Tangential) {
                 alpha = couple * quad(x.w / w.w);
                 if (work.viscous_damping > 0)
-                    alpha = alpha - viscous * (load_quad(&w.x) + load_quad(&kick.sx) * quad(1 / x.w));
+                    alpha = shrink * (alpha - viscous * load_quad(&w.x));
             }
             alignas(32) double load[4];
             store_quad(sum, load);

@@ -46,7 +46,8 @@ void mixed_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tally
     const T one_single = hn::Set(r, 1.0f), zero_single = hn::Zero(r);
     const double r0 = bodies[0].position.w, m0 = bodies[0].velocity.w;
     const V least = hn::Set(d, 1e-60);
-    const T load_limit = hn::Set(r, static_cast<float>(contact::largest_damping_load<F>));
+    const T normal_limit = hn::Set(r, static_cast<float>(contact::largest_damping_load)),
+            tangential_limit = hn::Set(r, static_cast<float>(contact::largest_tangential_damping_load));
     LaneSum dissipation(tally.dissipation), intake(tally.intake);
     const auto narrow = [&](const LaneConstants<V>& c) HWY_ATTR {
         return LaneConstants<T>{single(c.normal_stiffness), single(c.tangential_stiffness),
@@ -133,9 +134,12 @@ void mixed_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tally
         }
         const Octets kick = octets(quads);
         m.velocity = m.half_velocity + Three<T>{kick.a, kick.b, kick.c};
-        m.damping_scale = one_single;
-        if (!hn::AllTrue(r, hn::Le(kick.d, load_limit)))
-            m.damping_scale = hn::Div(load_limit, hn::Max(load_limit, kick.d));
+        m.damping_scale = m.tangential_damping_scale = one_single;
+        if (!hn::AllTrue(r, hn::Le(kick.d, tangential_limit))) {
+            m.damping_scale = hn::Div(normal_limit, hn::Max(normal_limit, kick.d));
+            if constexpr (F::tangential)
+                m.tangential_damping_scale = hn::Div(tangential_limit, hn::Max(tangential_limit, kick.d));
+        }
         if constexpr (OneSize) {
             m.effective_radius = hn::Set(r, static_cast<float>(r0 * r0 / (r0 + r0)));
             m.effective_mass = hn::Set(r, static_cast<float>(m0 * m0 / (m0 + m0)));

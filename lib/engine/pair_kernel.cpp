@@ -168,7 +168,7 @@ template <class F>
     m.effective_mass = vi.w * vj.w / (vi.w + vj.w);
     m.half_velocity = vi.vec() - vj.vec();
     m.velocity = m.half_velocity + velocity_difference(ki, kj);
-    m.damping_scale = contact::damping_scale<F>(ki.damping_load, kj.damping_load);
+    m.damping_scale = contact::damping_scale(ki.damping_load, kj.damping_load);
     if constexpr (F::tangential) {
         const double stretch =
             constants.lever_arm == contact::LeverArm::contact_point ? distance / touch : 1.0;
@@ -242,14 +242,12 @@ std::array<contact::ReferenceParticle, 2> reference_particles(const ParticleColu
 
 void reference(const PairWork& work, std::size_t begin, std::size_t end, Tally& tally) {
     PairColumns& pairs = work.pairs;
-    const bool tangential =
-        !pairs.tangential_displacement[0].empty() || !pairs.tangential_displacement_single[0].empty();
     for (std::size_t k = begin; k < end; ++k) {
         const search::Candidate c = work.candidates[k];
         History h = pairs.load(k);
         const auto [i, j] = reference_particles(work.particles, c);
-        const auto result = contact::reference_pair_force(work.constants.of(work.particles, c), i, j,
-                                                          work.step, h, tangential);
+        const auto result =
+            contact::reference_pair_force(work.constants.of(work.particles, c), i, j, work.step, h);
         pairs.store(k, h);
         pairs.store_force(work.first_slot + k - begin, result.force_on_i, result.parts.damping,
                           result.torque_on_i / i.radius);

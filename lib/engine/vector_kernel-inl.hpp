@@ -170,7 +170,8 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
     const V one = hn::Set(d, 1), zero = hn::Zero(d);
     const double r0 = bodies[0].position.w, m0 = bodies[0].velocity.w;
     const V least = hn::Set(d, 1e-60);
-    const V load_limit = hn::Set(d, contact::largest_damping_load<F>);
+    const V normal_limit = hn::Set(d, contact::largest_damping_load),
+            tangential_limit = hn::Set(d, contact::largest_tangential_damping_load);
     LaneSum dissipation(tally.dissipation), intake(tally.intake);
     LaneConstants<V> constants = same_constants(common);
     const PairKernel one_by_one =
@@ -252,10 +253,13 @@ void vector_pairs(const PairWork& work, std::size_t begin, std::size_t end, Tall
         }
         const Octets kick = octets(quads);
         m.velocity = m.half_velocity + doubles(kick.a, kick.b, kick.c);
-        m.damping_scale = one;
+        m.damping_scale = m.tangential_damping_scale = one;
         const V load = hn::PromoteTo(d, kick.d);
-        if (!hn::AllTrue(d, hn::Le(load, load_limit)))
-            m.damping_scale = hn::Div(load_limit, hn::Max(load_limit, load));
+        if (!hn::AllTrue(d, hn::Le(load, tangential_limit))) {
+            m.damping_scale = hn::Div(normal_limit, hn::Max(normal_limit, load));
+            if constexpr (F::tangential)
+                m.tangential_damping_scale = hn::Div(tangential_limit, hn::Max(tangential_limit, load));
+        }
 
         V stretch = one;
         if constexpr (F::tangential) {

@@ -28,7 +28,8 @@ struct LaneConstants {
 template <class T>
 struct LaneMotion {
     Three<T> normal, velocity, half_velocity, spin, half_spin;
-    T overlap, turning, effective_radius, effective_mass, half_twist, damping_scale;
+    T overlap, turning, effective_radius, effective_mass, half_twist;
+    T damping_scale, tangential_damping_scale;
 };
 
 /// contact::Force, one per lane.
@@ -80,7 +81,7 @@ HWY_INLINE LaneForce<T, Mask> lane_force(R r, const LaneConstants<T>& c, const c
     T kt = zero, eta_t = zero;
     if constexpr (F::tangential) {
         kt = F::linear ? c.tangential_stiffness : hn::Mul(c.tangential_stiffness, root);
-        eta_t = hn::Mul(eta_n, c.tangential_damping);
+        eta_t = hn::Mul(hn::Mul(m.tangential_damping_scale, f.damping), c.tangential_damping);
         vt = take_scaled(m.velocity, vn, m.normal) + cross(m.spin, m.normal);
         if (step > 0) {
             const T approach = dot(m.half_velocity, m.normal);

@@ -23,7 +23,7 @@ template <bool Tangential, bool Linear>
 contact::Force push_by(const contact::Constants& c, contact::Motion& m, double load, double step,
                        contact::History& history) {
     using F = contact::Features<Tangential, false, true, Linear>;
-    m.damping_scale = contact::damping_scale<F>(load, 0);
+    m.damping_scale = contact::damping_scale(load, 0);
     return contact::contact_force<F>(c, m, step, history);
 }
 

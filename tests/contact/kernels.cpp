@@ -68,7 +68,7 @@ Force run(const Constants& c, const Pair& p, History& h, Vec3& couple) {
     m.spin = m.arm_i * p.i.angular_velocity + m.arm_j * p.j.angular_velocity;
     m.half_spin = m.arm_i * p.i.half_angular_velocity + m.arm_j * p.j.half_angular_velocity;
     m.half_twist = 0.5 * dot(p.i.half_angular_velocity + p.j.half_angular_velocity, m.normal);
-    m.damping_scale = damping_scale<F>(p.i.damping_load, p.j.damping_load);
+    m.damping_scale = damping_scale(p.i.damping_load, p.j.damping_load);
     const Force f = contact_force<F>(c, m, p.step, h);
     couple = cross(m.normal, f.tangential);
     return f;
@@ -90,7 +90,7 @@ void compare(bool friction) {
         History fast = p.history, slow = p.history;
         Vec3 couple;
         const Force f = run<F>(c, p, fast, couple);
-        const ReferenceResult r = reference_pair_force(c, p.i, p.j, p.step, slow, F::tangential);
+        const ReferenceResult r = reference_pair_force(c, p.i, p.j, p.step, slow);
         const Vec3 branch = p.j.position - p.i.position;
         const Vec3 force = f.tangential - f.normal * (branch / norm(branch));
         const double scale = norm(r.force_on_i) + 1e-9;

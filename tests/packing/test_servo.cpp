@@ -22,9 +22,9 @@ ServoSettings small(std::uint64_t seed, double radius = 0.06) {
 
 /// Forces of a box from its own contact table alone: Hertz, Mindlin (physics.md) and Newton.
 struct Judgement {
-    double unbalanced_force = 0;    ///< mean net force / mean normal force
-    double without_tangential = 0;  ///< the same of the normal forces
-    double most_mobilised = 0;      ///< largest tangential over normal force
+    double unbalanced_force = 0;   ///< mean net force / mean normal force
+    double without_tangential = 0; ///< the same of the normal forces
+    double most_mobilised = 0;     ///< largest tangential over normal force, of contacts that carry something
     std::array<double, 3> stress{}; ///< Pa, along the axes
 };
 Judgement judge(const PgBox& box, const Material& m) {
@@ -32,6 +32,7 @@ Judgement judge(const PgBox& box, const Material& m) {
     std::vector<Vec3> net(box.size()), normal_net(box.size());
     Judgement out;
     double sum = 0;
+    std::vector<std::pair<double, double>> normal_tangential;
     for (std::size_t c = 0; c < box.contacts.size(); ++c) {
         const auto i = static_cast<std::size_t>(box.contacts.pair[c][0]),
                    j = static_cast<std::size_t>(box.contacts.pair[c][1]);
@@ -51,11 +52,15 @@ Judgement judge(const PgBox& box, const Material& m) {
         normal_net[i] -= pushing;
         normal_net[j] += pushing;
         sum += kn * overlap;
-        out.most_mobilised = std::max(out.most_mobilised, norm(shearing) / (kn * overlap));
+        normal_tangential.push_back({kn * overlap, norm(shearing)});
         for (int k = 0; k < 3; ++k)
             out.stress[std::size_t(k)] += (pushing + shearing)[k] * d[k] / std::pow(box.length, 3);
     }
-    const double scale = static_cast<double>(box.size()) * sum / static_cast<double>(box.contacts.size());
+    const double mean = sum / static_cast<double>(box.contacts.size());
+    for (const auto& [normal, tangential] : normal_tangential)
+        if (normal > 1e-3 * mean) // what a dashpot still gives a slider that barely touches is not rest
+            out.most_mobilised = std::max(out.most_mobilised, tangential / normal);
+    const double scale = static_cast<double>(box.size()) * mean;
     for (std::size_t i = 0; i < box.size(); ++i) {
         out.unbalanced_force += norm(net[i]) / scale;
         out.without_tangential += norm(normal_net[i]) / scale;

@@ -167,7 +167,7 @@ TEST(SameBits, WallsOfTrianglesAndWhatTheyTake) {
     scene.monitors.push_back({"part", {0, 0, 0}, {0.1, 0.2, 0.15}});
     scene.monitors.push_back({"all", {0, 0, 0}, {0.25, 0.25, 100}});
     Both both(scene, g);
-    both.steps(2500);
+    both.steps(4000);
     both.expect_same("walls of triangles");
     const std::vector<WallReport> all = both.many.wall_reports();
     const auto monitors = both.many.monitor_loads();

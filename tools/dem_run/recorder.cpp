@@ -319,12 +319,12 @@ void Recorder::look_around(engine::Simulation& s) {
     if (cli::stop_requested())
         s.ask(signal_came);
     const double now = elapsed();
-    if (!first_rank_ || now - last_look_ <= 0.2) // the clock and the disk are looked at five times a second
+    if (first_rank_ && rules_.max_wall && now >= *rules_.max_wall)
+        s.ask(wall_time_is_up);
+    if (!first_rank_ || now - last_look_ <= 0.2) // the disk is looked at five times a second
         return;
     last_look_ = now;
     show(s);
-    if (rules_.max_wall && now >= *rules_.max_wall)
-        s.ask(wall_time_is_up);
     if (std::filesystem::exists(rules_.stop_file))
         s.ask(stop_file_is_there);
     if (now - last_checkpoint_ >= rules_.checkpoint_interval) {

@@ -21,9 +21,6 @@ using Shift = std::array<std::int8_t, 3>;
 /// Of an outer pair that becomes a close one and was none.
 constexpr std::uint32_t not_before = no_candidate - 1;
 
-/// A particle is quick where half its way is more than this part of its radius.
-constexpr double quick_way = 0.1;
-
 /// Sizes fall into classes by powers of two below the largest radius.
 std::size_t size_class(double radius, double largest) {
     return static_cast<std::size_t>(std::clamp(std::ilogb(largest / radius), 0, 15));
@@ -72,20 +69,14 @@ std::uint32_t CandidateList::holder(const ParticleColumns& p, std::uint32_t i, s
     if (const bool i_moves = moves(p, i); i_moves != moves(p, j))
         return i_moves ? i : j;
     if (points_.size() > 1) {
-        const std::size_t class_i = class_of(p, i), class_j = class_of(p, j);
+        const std::size_t class_i = size_class(p.bodies[i].position.w, largest_radius_),
+                          class_j = size_class(p.bodies[j].position.w, largest_radius_);
         if (class_i != class_j)
             return class_i > class_j ? i : j;
     }
     if (p.owner(i) != p.owner(j))
         return p.owner(i) < p.owner(j) ? i : j;
     return p.shift(j) > p.shift(i) ? i : j; // a particle and its own image
-}
-
-/// Classes by size, and quick ones after them.
-std::size_t CandidateList::class_of(const ParticleColumns& p, std::uint32_t row) const {
-    if (!quick_.empty() && quick_[p.owner(row)])
-        return size_classes_;
-    return size_classes_ == 1 ? 0 : size_class(p.bodies[row].position.w, largest_radius_);
 }
 
 void CandidateList::find(const ParticleColumns& p, double factor, double margin, std::span<const float> share,
@@ -109,32 +100,24 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
     const double usual_share = p.known() == 0 ? 0 : all.shares / static_cast<double>(p.known());
     const double smallest_radius = all.smallest;
     largest_radius_ = all.largest;
-    size_classes_ = p.owned == 0 ? 0 : size_class(smallest_radius, largest_radius_) + 1;
+    const std::size_t classes = p.owned == 0 ? 0 : size_class(smallest_radius, largest_radius_) + 1;
     own_ways_ = ahead.motion.own();
-    const double half = 0.5 * ahead.time;
-    quick_.resize(own_ways_ ? p.owned : 0);
-    team.for_range(quick_.size(), [&](std::size_t begin, std::size_t end, int) {
-        for (std::size_t row = begin; row < end; ++row)
-            quick_[row] = half * norm(ahead.motion.of(row).velocity()) > quick_way * p.bodies[row].position.w;
-    });
-    const std::size_t classes = size_classes_ + (quick_.empty() ? 0 : 1);
     // Classes with rows that do not search themselves.
     std::vector<bool> is_found(classes, false);
     class_rows_.resize(classes);
     for (auto& rows : class_rows_)
         rows.clear();
     for (std::uint32_t row = 0; classes > 1 && row < p.size(); ++row) {
-        const std::size_t c = class_of(p, row);
+        const std::size_t c = size_class(p.bodies[row].position.w, largest_radius_);
         class_rows_[c].push_back(row);
         is_found[c] = is_found[c] || !moves(p, row) || p.in_halo(row);
     }
     points_.resize(classes);
     for (std::size_t c = 0; c < classes; ++c) {
-        const double radius =
-            c == size_classes_ ? largest_radius_ : std::ldexp(largest_radius_, -static_cast<int>(c));
+        const double radius = std::ldexp(largest_radius_, -static_cast<int>(c));
         if (classes == 1 || !class_rows_[c].empty())
             points_[c].build(p, class_rows_[c], factor, share, 2 * (radius * factor + usual_share) + margin,
-                             own_ways_ ? &ahead.motion : nullptr, half, team);
+                             own_ways_ ? &ahead.motion : nullptr, 0.5 * ahead.time, team);
         else
             points_[c] = {};
     }
@@ -181,7 +164,7 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
             const bool sheet = of_membrane(p, i); // held together by its edges, not by contacts
             const std::size_t before = found.size();
             const Record self = p.bodies[i].position;
-            const std::size_t own = class_of(p, i);
+            const std::size_t own = classes == 1 ? 0 : size_class(self.w, largest_radius_);
             for (std::size_t c = 0; c < points_.size(); ++c) {
                 if (points_[c].size() == 0 || (c > own && !is_found[c]))
                     continue;
@@ -451,57 +434,70 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
     std::partial_sum(reference_start_.begin(), reference_start_.end(), reference_start_.begin());
     fit(references_, reference_start_[p.owned] + padding);
     std::fill(references_.end() - padding, references_.end(), Reference{0});
-    fit(row_scratch_, p.owned); // where the next reference goes
-    std::copy_n(reference_start_.begin(), p.owned, row_scratch_.begin());
+    // Of each row first those to pairs that it holds, which are found where these stand; then the others.
+    Column<std::uint32_t>& close_of_outer = previous_of_outer_;
+    fit(row_scratch_, p.owned); // where the next one of the others goes
+    team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t row = begin; row < end; ++row)
+            row_scratch_[row] = reference_start_[row] + close_first_[row + 1] - close_first_[row];
+    });
+    if (!own_ways_)
+        std::fill(close_of_outer.begin(), close_of_outer.end(), no_candidate);
     team.for_range(close_size_, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k) {
-            const std::uint32_t holder = holder_[outer_of_[k]], row = other(k);
-            const auto pair = static_cast<std::uint32_t>(2 * k);
-            const std::uint32_t is_second = candidates_[k].i == holder ? 0 : 1;
-            references_[add(row_scratch_[holder], shared)] = {pair + is_second};
+            const std::uint32_t o = outer_of_[k], row = other(k);
+            close_of_outer[o] = static_cast<std::uint32_t>(k);
+            const std::uint32_t is_second = candidates_[k].i == holder_[o] ? 1 : 0;
             if (summed(row))
-                references_[add(row_scratch_[row], shared)] = {pair + 1 - is_second};
+                references_[add(row_scratch_[row], shared)] = {static_cast<std::uint32_t>(2 * k) + is_second};
         }
     });
 
     std::size_t summed_rows = p.owned; // those that do not move mostly stand last
     while (summed_rows > 0 && reference_start_[summed_rows - 1] == reference_start_[p.owned])
         --summed_rows;
-    struct Keyed {
-        std::uint64_t id;
-        Reference reference;
-    };
     // The partner's image seen from the particle decides between two contacts with the same partner.
     const auto image = [&](Reference r) {
         const Candidate c = candidates_[r.candidate()];
         return r.is_second() ? p.shift(c.i) - p.shift(c.j) : p.shift(c.j) - p.shift(c.i);
     };
-    const auto before = [&](const Keyed& a, const Keyed& b) {
-        return a.id != b.id ? a.id < b.id : image(a.reference) < image(b.reference);
-    };
     team.for_range(summed_rows, [&](std::size_t begin, std::size_t end, int) {
-        std::vector<Keyed> keys;
+        std::vector<std::uint64_t> id(32); // of the partner
+        std::vector<Reference> reference(32);
+        std::vector<std::uint32_t> rank(32);
         for (std::size_t row = begin; row < end; ++row) {
             Reference* const first = references_.data() + reference_start_[row];
             const std::size_t count = reference_start_[row + 1] - reference_start_[row];
-            keys.resize(std::max(count, keys.size()));
-            for (std::size_t k = 0; k < count; ++k) {
-                const Candidate c = candidates_[first[k].candidate()];
-                keys[k] = {p.id[first[k].is_second() ? c.i : c.j], first[k]};
+            if (count > id.size()) {
+                id.resize(2 * count);
+                reference.resize(2 * count);
+                rank.resize(2 * count);
             }
-            if (count > 32) {
-                std::sort(keys.begin(), keys.begin() + static_cast<std::ptrdiff_t>(count), before);
-            } else {
-                for (std::size_t k = 1; k < count; ++k) {
-                    const Keyed moving = keys[k];
-                    std::size_t hole = k;
-                    for (; hole > 0 && before(moving, keys[hole - 1]); --hole)
-                        keys[hole] = keys[hole - 1];
-                    keys[hole] = moving;
+            std::size_t n = 0;
+            for (std::uint32_t o = first_[row]; o < first_[row + 1]; ++o)
+                if (const std::uint32_t k = close_of_outer[o]; k != no_candidate) {
+                    id[n] = p.id[partner_[o]];
+                    reference[n] = {2 * k + (id[n] < p.id[row] ? 1 : 0)};
+                    ++n;
                 }
+            for (; n < count; ++n) {
+                reference[n] = first[n];
+                const Candidate c = candidates_[first[n].candidate()];
+                id[n] = p.id[first[n].is_second() ? c.i : c.j];
+            }
+            // How many come before each: for so few that is quicker than what decides step by step.
+            for (std::size_t a = 0; a < count; ++a) {
+                std::uint32_t before = 0;
+                for (std::size_t b = 0; b < a; ++b) {
+                    const bool is_before =
+                        id[b] != id[a] ? id[b] < id[a] : image(reference[b]) < image(reference[a]);
+                    before += is_before;
+                    rank[b] += !is_before;
+                }
+                rank[a] = before;
             }
             for (std::size_t k = 0; k < count; ++k)
-                first[k] = keys[k].reference;
+                first[rank[k]] = reference[k];
         }
     });
 }

@@ -51,11 +51,10 @@ KeyedPair key_of(const ParticleColumns& p, const Candidate& c);
 /// Sakaguchi, Eur. Phys. J. Special Topics 196 (2011), who use such a table to avoid write conflicts).
 ///
 /// Each pair is held by one owned row: the one that is owned, the one that moves or, of two that do, the much
-/// smaller one or, of two alike, the lower one; quick ones (see Ahead) count as the smallest. Both lists are
-/// in the order of the holders' rows, so that (sizes alike) all pairs of a row stand before those of the
-/// next: it can be moved while its pairs' forces are still in the cache. Within each block of the close list,
-/// pairs with history come first, so that those without, which have nothing but a distance to be computed,
-/// stand together.
+/// smaller one or, of two alike, the lower one. Both lists are in the order of the holders' rows, so that
+/// (sizes alike) all pairs of a row stand before those of the next: it can be moved while its pairs' forces
+/// are still in the cache. Within each block of the close list, pairs with history come first, so that those
+/// without, which have nothing but a distance to be computed, stand together.
 class CandidateList {
 public:
     /// Candidates that vector code may read beyond the last one (repetitions of it).
@@ -76,8 +75,7 @@ public:
     };
 
     /// Where particles have velocities of their own in the local motion, pairs are all that come within the
-    /// cutoff in some time if both keep these. Particles that go far in it are quick: they hold their pairs
-    /// with slow ones.
+    /// cutoff in some time if both keep these.
     struct Ahead {
         const LocalMotion& motion;
         double time = 0; ///< s
@@ -153,7 +151,6 @@ private:
     using Shift = std::array<std::int8_t, 3>;
     void find(const ParticleColumns& p, double factor, double margin, std::span<const float> share,
               const Ahead& ahead, ThreadTeam& team);
-    std::size_t class_of(const ParticleColumns& p, std::uint32_t row) const;
     Missed match(const ParticleColumns& p, std::span<const std::uint32_t> old_row, std::size_t old_owned,
                  std::span<const Shift> wrapped, Live live, ThreadTeam& team);
     void match_keyed(const ParticleColumns& p, std::span<const KeyedPair> keyed, Live live, Missed& missed);
@@ -180,13 +177,13 @@ private:
     std::vector<std::vector<std::uint32_t>> near_;       ///< by thread
     std::vector<std::vector<std::uint32_t>> class_rows_; ///< by size class, where there are several
     std::vector<SortedPoints> points_;                   ///< by size class
-    Column<std::uint32_t> previous_of_outer_; ///< or what of the outer list becomes of the close one
+    /// [outer] where a pair stood in the close list before, or what of the outer list becomes of the close
+    /// one, or where it stands there now.
+    Column<std::uint32_t> previous_of_outer_;
     Column<std::uint32_t> row_scratch_;
     std::vector<std::size_t> counts_;
     double largest_radius_ = 0;
-    std::size_t size_classes_ = 0;
-    bool own_ways_ = false;           ///< of the particles in the local motion
-    std::vector<std::uint8_t> quick_; ///< [owned] where they have, else empty
+    bool own_ways_ = false; ///< of the particles in the local motion
 };
 
 } // namespace talus::search

@@ -17,29 +17,29 @@ namespace HWY_NAMESPACE {
 
 using namespace talus::HWY_NAMESPACE;
 
-/// Appends row[k], k in [begin, end), of the spheres with |x - centre| < near + extent.
-void scan(const float* x, const float* y, const float* z, const float* extent, const std::uint32_t* row,
-          std::size_t begin, std::size_t end, const std::array<float, 3>& centre, float near,
-          std::vector<std::uint32_t>& out) {
+/// Appends the rows of those of these spheres with |x - centre| < near + extent.
+void scan(const SortedPoints::Columns& p, std::span<const SortedPoints::Range> ranges,
+          const std::array<float, 3>& centre, float near, std::vector<std::uint32_t>& out) {
     const hn::CappedTag<float, 16> d;
     const auto cx = hn::Set(d, centre[0]), cy = hn::Set(d, centre[1]), cz = hn::Set(d, centre[2]);
     const auto base = hn::Set(d, near);
-    for (std::size_t k = begin; k < end; k += hn::Lanes(d)) {
-        const auto dx = hn::Sub(hn::LoadU(d, x + k), cx), dy = hn::Sub(hn::LoadU(d, y + k), cy),
-                   dz = hn::Sub(hn::LoadU(d, z + k), cz);
-        const auto reach = hn::Add(hn::LoadU(d, extent + k), base);
-        const auto distance2 = hn::MulAdd(dx, dx, hn::MulAdd(dy, dy, hn::Mul(dz, dz)));
-        const auto hit = hn::And(hn::Lt(distance2, hn::Mul(reach, reach)), hn::FirstN(d, end - k));
-        alignas(8) std::uint8_t bytes[8] = {};
-        hn::StoreMaskBits(d, hit, bytes);
-        for (unsigned bits = bytes[0] | static_cast<unsigned>(bytes[1]) << 8; bits != 0; bits &= bits - 1)
-            out.push_back(row[k + static_cast<std::size_t>(std::countr_zero(bits))]);
-    }
+    for (const auto [begin, end] : ranges)
+        for (std::size_t k = begin; k < end; k += hn::Lanes(d)) {
+            const auto dx = hn::Sub(hn::LoadU(d, p.x + k), cx), dy = hn::Sub(hn::LoadU(d, p.y + k), cy),
+                       dz = hn::Sub(hn::LoadU(d, p.z + k), cz);
+            const auto reach = hn::Add(hn::LoadU(d, p.extent + k), base);
+            const auto distance2 = hn::MulAdd(dx, dx, hn::MulAdd(dy, dy, hn::Mul(dz, dz)));
+            const auto hit = hn::And(hn::Lt(distance2, hn::Mul(reach, reach)), hn::FirstN(d, end - k));
+            alignas(8) std::uint8_t bytes[8] = {};
+            hn::StoreMaskBits(d, hit, bytes);
+            for (unsigned bits = bytes[0] | static_cast<unsigned>(bytes[1]) << 8; bits != 0; bits &= bits - 1)
+                out.push_back(p.row[k + static_cast<std::size_t>(std::countr_zero(bits))]);
+        }
 }
 
 /// The same where all move on with their velocities and the centre with `velocity`, for those that are so
 /// near at some time between -time and time.
-void scan_ways(const SortedPoints::Columns& p, std::size_t begin, std::size_t end,
+void scan_ways(const SortedPoints::Columns& p, std::span<const SortedPoints::Range> ranges,
                const std::array<float, 3>& centre, const std::array<float, 3>& velocity, float time,
                float near, std::vector<std::uint32_t>& out) {
     const hn::CappedTag<float, 16> d;
@@ -47,24 +47,25 @@ void scan_ways(const SortedPoints::Columns& p, std::size_t begin, std::size_t en
     const auto ux = hn::Set(d, velocity[0]), uy = hn::Set(d, velocity[1]), uz = hn::Set(d, velocity[2]);
     const auto base = hn::Set(d, near), late = hn::Set(d, time), early = hn::Neg(late),
                tiny = hn::Set(d, 1e-30f);
-    for (std::size_t k = begin; k < end; k += hn::Lanes(d)) {
-        const auto dx = hn::Sub(hn::LoadU(d, p.x + k), cx), dy = hn::Sub(hn::LoadU(d, p.y + k), cy),
-                   dz = hn::Sub(hn::LoadU(d, p.z + k), cz);
-        const auto vx = hn::Sub(hn::LoadU(d, p.vx + k), ux), vy = hn::Sub(hn::LoadU(d, p.vy + k), uy),
-                   vz = hn::Sub(hn::LoadU(d, p.vz + k), uz);
-        const auto along = hn::MulAdd(dx, vx, hn::MulAdd(dy, vy, hn::Mul(dz, vz)));
-        const auto speed2 = hn::MulAdd(vx, vx, hn::MulAdd(vy, vy, hn::MulAdd(vz, vz, tiny)));
-        const auto when = hn::Min(late, hn::Max(early, hn::Neg(hn::Div(along, speed2))));
-        const auto ex = hn::MulAdd(when, vx, dx), ey = hn::MulAdd(when, vy, dy),
-                   ez = hn::MulAdd(when, vz, dz);
-        const auto reach = hn::Add(hn::LoadU(d, p.extent + k), base);
-        const auto distance2 = hn::MulAdd(ex, ex, hn::MulAdd(ey, ey, hn::Mul(ez, ez)));
-        const auto hit = hn::And(hn::Lt(distance2, hn::Mul(reach, reach)), hn::FirstN(d, end - k));
-        alignas(8) std::uint8_t bytes[8] = {};
-        hn::StoreMaskBits(d, hit, bytes);
-        for (unsigned bits = bytes[0] | static_cast<unsigned>(bytes[1]) << 8; bits != 0; bits &= bits - 1)
-            out.push_back(p.row[k + static_cast<std::size_t>(std::countr_zero(bits))]);
-    }
+    for (const auto [begin, end] : ranges)
+        for (std::size_t k = begin; k < end; k += hn::Lanes(d)) {
+            const auto dx = hn::Sub(hn::LoadU(d, p.x + k), cx), dy = hn::Sub(hn::LoadU(d, p.y + k), cy),
+                       dz = hn::Sub(hn::LoadU(d, p.z + k), cz);
+            const auto vx = hn::Sub(hn::LoadU(d, p.vx + k), ux), vy = hn::Sub(hn::LoadU(d, p.vy + k), uy),
+                       vz = hn::Sub(hn::LoadU(d, p.vz + k), uz);
+            const auto along = hn::MulAdd(dx, vx, hn::MulAdd(dy, vy, hn::Mul(dz, vz)));
+            const auto speed2 = hn::MulAdd(vx, vx, hn::MulAdd(vy, vy, hn::MulAdd(vz, vz, tiny)));
+            const auto when = hn::Min(late, hn::Max(early, hn::Neg(hn::Div(along, speed2))));
+            const auto ex = hn::MulAdd(when, vx, dx), ey = hn::MulAdd(when, vy, dy),
+                       ez = hn::MulAdd(when, vz, dz);
+            const auto reach = hn::Add(hn::LoadU(d, p.extent + k), base);
+            const auto distance2 = hn::MulAdd(ex, ex, hn::MulAdd(ey, ey, hn::Mul(ez, ez)));
+            const auto hit = hn::And(hn::Lt(distance2, hn::Mul(reach, reach)), hn::FirstN(d, end - k));
+            alignas(8) std::uint8_t bytes[8] = {};
+            hn::StoreMaskBits(d, hit, bytes);
+            for (unsigned bits = bytes[0] | static_cast<unsigned>(bytes[1]) << 8; bits != 0; bits &= bits - 1)
+                out.push_back(p.row[k + static_cast<std::size_t>(std::countr_zero(bits))]);
+        }
 }
 
 } // namespace HWY_NAMESPACE
@@ -74,6 +75,7 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace talus::search {
 
@@ -181,9 +183,71 @@ void SortedPoints::build(const ParticleColumns& p, std::span<const std::uint32_t
             }
         }
     });
+    blocks_.clear();
+    if (motion != nullptr)
+        find_blocks(team);
 }
 
-/// Calls scan(begin, end) for the points of each row of cells along x, as far as cells come within `reach`.
+void SortedPoints::find_blocks(ThreadTeam& team) {
+    for (std::size_t k = 0; k < 3; ++k)
+        block_count_[k] = (cells_[k] + block_edge - 1) / block_edge;
+    const auto [nx, ny, nz] = block_count_;
+    blocks_.resize(static_cast<std::size_t>(nx) * static_cast<std::size_t>(ny) *
+                   static_cast<std::size_t>(nz));
+    team.for_range(blocks_.size(), [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t b = begin; b < end; ++b) {
+            const auto at = static_cast<int>(b);
+            const std::array<int, 3> first{at % nx * block_edge, at / nx % ny * block_edge,
+                                           at / (nx * ny) * block_edge};
+            const auto last = [&](std::size_t k) { return std::min(first[k] + block_edge, cells_[k]) - 1; };
+            constexpr float most = std::numeric_limits<float>::max();
+            std::array<float, 3> low{most, most, most}, high{-most, -most, -most};
+            float extent = -1;
+            for (int z = first[2]; z <= last(2); ++z)
+                for (int y = first[1]; y <= last(1); ++y)
+                    for (std::size_t k = start_[index(first[0], y, z)]; k < start_[index(last(0), y, z) + 1];
+                         ++k) {
+                        const std::array v{vx_[k], vy_[k], vz_[k]};
+                        for (std::size_t d = 0; d < 3; ++d) {
+                            low[d] = std::min(low[d], v[d]);
+                            high[d] = std::max(high[d], v[d]);
+                        }
+                        extent = std::max(extent, extent_[k]);
+                    }
+            blocks_[b] = {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}, extent};
+        }
+    });
+}
+
+/// How far from here a point may stand that comes near someone with this velocity: of those that are no
+/// further than `wide`, beyond which there are none.
+double SortedPoints::largest_reach(const Vec3& centre, const Vec3& velocity, double wide) const {
+    std::array<int, 3> first, last;
+    for (int k = 0; k < 3; ++k) {
+        first[static_cast<std::size_t>(k)] = cell_along(k, centre[k] - wide) / block_edge;
+        last[static_cast<std::size_t>(k)] = cell_along(k, centre[k] + wide) / block_edge;
+    }
+    double reach = 0;
+    for (int z = first[2]; z <= last[2]; ++z)
+        for (int y = first[1]; y <= last[1]; ++y)
+            for (int x = first[0]; x <= last[0]; ++x) {
+                const Block& block =
+                    blocks_[(static_cast<std::size_t>(z) * static_cast<std::size_t>(block_count_[1]) +
+                             static_cast<std::size_t>(y)) *
+                                static_cast<std::size_t>(block_count_[0]) +
+                            static_cast<std::size_t>(x)];
+                if (block.extent < 0)
+                    continue;
+                const auto against = [&](int k) {
+                    return std::max(velocity[k] - block.slowest[k], block.quickest[k] - velocity[k]);
+                };
+                const Vec3 fastest{against(0), against(1), against(2)};
+                reach = std::max(reach, block.extent + time_ * norm(fastest));
+            }
+    return reach;
+}
+
+/// Calls scan(ranges) for the points of the rows of cells along x, as far as cells come within `reach`.
 template <class Scan>
 void SortedPoints::for_cells_near(const Vec3& centre, double reach, Scan&& scan) const {
     const auto gap2 = [&](int k, int cell) { // squared distance to a layer of cells along y or z
@@ -193,41 +257,55 @@ void SortedPoints::for_cells_near(const Vec3& centre, double reach, Scan&& scan)
     };
     const int z0 = cell_along(2, centre.z - reach), z1 = cell_along(2, centre.z + reach);
     const int y0 = cell_along(1, centre.y - reach), y1 = cell_along(1, centre.y + reach);
-    for (int z = z0; z <= z1; ++z)
+    std::array<Range, 32> ranges;
+    std::size_t found = 0;
+    for (int z = z0; z <= z1; ++z) {
+        const double rest2_of_layer = 1.0001 * reach * reach - gap2(2, z);
         for (int y = y0; y <= y1; ++y) {
-            const double rest2 = 1.0001 * reach * reach - gap2(2, z) - gap2(1, y);
+            const double rest2 = rest2_of_layer - gap2(1, y);
             if (rest2 < 0)
                 continue;
             const double rest = std::sqrt(rest2);
-            scan(start_[index(cell_along(0, centre.x - rest), y, z)],
-                 start_[index(cell_along(0, centre.x + rest), y, z) + 1]);
+            const Range range{start_[index(cell_along(0, centre.x - rest), y, z)],
+                              start_[index(cell_along(0, centre.x + rest), y, z) + 1]};
+            if (range.begin == range.end)
+                continue;
+            ranges[found++] = range;
+            if (found == ranges.size()) {
+                scan(std::span(ranges));
+                found = 0;
+            }
         }
+    }
+    scan(std::span(ranges).first(found));
+}
+
+SortedPoints::Columns SortedPoints::columns() const {
+    return {x_.data(), y_.data(), z_.data(), extent_.data(), vx_.data(), vy_.data(), vz_.data(), row_.data()};
 }
 
 void SortedPoints::near(const Vec3& centre, double near, std::vector<std::uint32_t>& out) const {
     if (row_.empty())
         return;
-    const auto scan_rows = HWY_DYNAMIC_DISPATCH(scan);
+    const auto scan_ranges = HWY_DYNAMIC_DISPATCH(scan);
     const std::array<float, 3> local = in_floats(centre - lower_);
     const auto wider = static_cast<float>(near + rounding_);
-    for_cells_near(centre, near + largest_extent_, [&](std::size_t begin, std::size_t end) {
-        scan_rows(x_.data(), y_.data(), z_.data(), extent_.data(), row_.data(), begin, end, local, wider,
-                  out);
-    });
+    for_cells_near(centre, near + largest_extent_,
+                   [&](std::span<const Range> ranges) { scan_ranges(columns(), ranges, local, wider, out); });
 }
 
 void SortedPoints::near_way(const Vec3& centre, const Vec3& velocity, double near,
                             std::vector<std::uint32_t>& out) const {
     if (row_.empty())
         return;
-    const auto scan_rows = HWY_DYNAMIC_DISPATCH(scan_ways);
-    const Vec3 way = time_ * velocity;
-    const std::array<float, 3> local = in_floats(centre + way - lower_), v = in_floats(velocity);
+    const auto scan_ranges = HWY_DYNAMIC_DISPATCH(scan_ways);
+    const Vec3 middle = centre + time_ * velocity;
+    const std::array<float, 3> local = in_floats(middle - lower_), v = in_floats(velocity);
     const auto wider = static_cast<float>(near + rounding_), time = static_cast<float>(time_);
-    const Columns columns{x_.data(),  y_.data(),  z_.data(),  extent_.data(),
-                          vx_.data(), vy_.data(), vz_.data(), row_.data()};
-    for_cells_near(centre + way, near + norm(way) + largest_extent_, [&](std::size_t begin, std::size_t end) {
-        scan_rows(columns, begin, end, local, v, time, wider, out);
+    const double wide = near + time_ * norm(velocity) + largest_extent_,
+                 reach = near + largest_reach(middle, velocity, wide) + rounding_;
+    for_cells_near(middle, std::min(wide, reach), [&](std::span<const Range> ranges) {
+        scan_ranges(columns(), ranges, local, v, time, wider, out);
     });
 }
 
@@ -236,7 +314,8 @@ std::size_t SortedPoints::memory() const {
             vy_.capacity() + vz_.capacity()) *
                sizeof(float) +
            (row_.capacity() + place_.capacity() + start_.capacity() + fill_.capacity()) *
-               sizeof(std::uint32_t);
+               sizeof(std::uint32_t) +
+           blocks_.capacity() * sizeof(Block);
 }
 
 } // namespace talus::search

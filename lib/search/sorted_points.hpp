@@ -42,10 +42,25 @@ public:
         const float *x, *y, *z, *extent, *vx, *vy, *vz;
         const std::uint32_t* row;
     };
+    /// Points [begin, end) of them.
+    struct Range {
+        std::uint32_t begin, end;
+    };
 
 private:
+    /// What is known of the points in a cube of cells: how they move (m s-1, component by component) and how
+    /// far the largest of them extends (m).
+    struct Block {
+        Vec3 slowest, quickest;
+        double extent = -1; ///< below 0: no points
+    };
+    static constexpr int block_edge = 4; ///< cells
+
     template <class Scan>
     void for_cells_near(const Vec3& centre, double reach, Scan&& scan) const;
+    void find_blocks(ThreadTeam& team);
+    Columns columns() const;
+    double largest_reach(const Vec3& centre, const Vec3& velocity, double wide) const;
     int cell_along(int k, double x) const {
         const double f = (x - lower_[k]) * inverse_edge_[k];
         const int last = cells_[static_cast<std::size_t>(k)] - 1;
@@ -66,6 +81,8 @@ private:
     Column<float> vx_, vy_, vz_;       ///< where they move on
     Column<std::uint32_t> row_, place_;
     std::vector<std::uint32_t> start_, fill_;
+    std::array<int, 3> block_count_{};
+    std::vector<Block> blocks_; ///< where points move on
 };
 
 } // namespace talus::search

@@ -356,10 +356,12 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
         search::reorder(p, sorted, team_);
         const auto wrapped_before = wrapped;
         const auto order_before = order;
-        for (std::size_t row = 0; row < p.owned; ++row) {
-            wrapped[row] = wrapped_before[sorted[row]];
-            order[row] = order_before[sorted[row]];
-        }
+        team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
+            for (std::size_t row = begin; row < end; ++row) {
+                wrapped[row] = wrapped_before[sorted[row]];
+                order[row] = order_before[sorted[row]];
+            }
+        });
     }
     for (active_ = p.owned; active_ > 0 && p.species[active_ - 1] == Species::fixed;)
         --active_;

@@ -152,6 +152,8 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
         part[t] = low;
     }
     first_.assign(p.owned + 1, 0);
+    // Without classes, images and ranks' copies the lower one that moves is the holder.
+    const bool simple = classes == 1 && p.size() == p.owned;
     team.run([&](int thread) {
         const std::size_t begin = part[static_cast<std::size_t>(thread)],
                           end = part[static_cast<std::size_t>(thread) + 1];
@@ -174,10 +176,14 @@ void CandidateList::find(const ParticleColumns& p, double factor, double margin,
                     points_[c].near_way(self.vec(), ahead.motion.of(row).velocity(), cutoff, near);
                 else
                     points_[c].near(self.vec(), cutoff, near);
+                const auto is_held = [&](std::uint32_t j) {
+                    if (simple)
+                        return j > i || (j < i && !moves(p, j));
+                    return j != i &&
+                           (c < own || (c == own ? holder(p, i, j) == i : !moves(p, j) || p.in_halo(j)));
+                };
                 for (const std::uint32_t j : near)
-                    if (j != i &&
-                        (c < own || (c == own ? holder(p, i, j) == i : !moves(p, j) || p.in_halo(j))) &&
-                        !(sheet && of_membrane(p, j)))
+                    if (is_held(j) && !(sheet && of_membrane(p, j)))
                         found.push_back(j);
             }
             first_[row + 1] = static_cast<std::uint32_t>(found.size() - before);

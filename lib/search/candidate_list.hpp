@@ -174,7 +174,7 @@ private:
     std::vector<Shift> ghost_shift_;
     // Memory kept for the next time.
     std::vector<std::vector<std::uint32_t>> found_;      ///< by thread: partners, holder after holder
-    std::vector<std::vector<std::uint32_t>> near_;       ///< by thread
+    std::vector<Column<std::uint32_t>> near_;            ///< by thread
     std::vector<std::vector<std::uint32_t>> class_rows_; ///< by size class, where there are several
     std::vector<SortedPoints> points_;                   ///< by size class
     /// [outer] where a pair stood in the close list before, or what of the outer list becomes of the close

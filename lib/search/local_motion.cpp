@@ -109,8 +109,16 @@ bool LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
     const std::size_t cells = nx * ny * nz;
     // Each thread adds up its rows, in lattices side by side.
     const auto threads = static_cast<std::size_t>(team.size());
-    std::vector<Cell> sums(threads * cells);
-    std::vector<std::uint32_t> members(threads * cells, 0);
+    std::vector<Cell>& sums = sums_;
+    std::vector<std::uint32_t>& members = members_;
+    sums.resize(threads * cells);
+    members.resize(threads * cells);
+    team.for_range(threads * cells, [&](std::size_t begin, std::size_t end, int) {
+        std::fill(sums.begin() + static_cast<std::ptrdiff_t>(begin),
+                  sums.begin() + static_cast<std::ptrdiff_t>(end), Cell{});
+        std::fill(members.begin() + static_cast<std::ptrdiff_t>(begin),
+                  members.begin() + static_cast<std::ptrdiff_t>(end), 0u);
+    });
     team.for_range(n, [&](std::size_t begin, std::size_t end, int thread) {
         const std::size_t first = static_cast<std::size_t>(thread) * cells;
         for (std::size_t row = begin; row < end; ++row) {
@@ -131,8 +139,6 @@ bool LocalMotion::build(const ParticleColumns& p, const Box& box, double reach, 
                 members[c] += members[t * cells + c];
             }
     });
-    members.resize(cells);
-    members_ = std::move(members);
     // The sums of a cell and its neighbours together make a smoother field than a few particles each, with
     // less shear.
     fit(cells_, cells);
@@ -183,7 +189,6 @@ void LocalMotion::set_own(const ParticleColumns& p, ThreadTeam& team) {
     });
     own_ = true;
     holds_for_ = infinity;
-    members_ = {};
     fit(cells_, p.owned);
     fit(agitation_, p.owned);
     std::vector<double> largest2(static_cast<std::size_t>(team.size()), 0);
@@ -208,6 +213,7 @@ void LocalMotion::set_still() {
     cells_ = {};
     cell_of_ = {};
     members_ = {};
+    sums_ = {};
 }
 
 LocalMotion::Part LocalMotion::part(std::size_t c) const {
@@ -297,12 +303,15 @@ void LocalMotion::find_shear(std::span<const Part> beyond, const std::array<Vec3
                 }
     }
     holds_for_ = std::min(holds_for_, *std::min_element(shortest.begin(), shortest.end()));
-    for (std::size_t c = 0; c < cells; ++c) // rounded up: it is a bound
-        cells_[c].shear = static_cast<float>(0.5 * std::sqrt(largest2[c]) * (1 + 1e-6));
+    team.for_range(cells, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t c = begin; c < end; ++c) // rounded up: it is a bound
+            cells_[c].shear = static_cast<float>(0.5 * std::sqrt(largest2[c]) * (1 + 1e-6));
+    });
 }
 
 std::size_t LocalMotion::memory() const {
-    return cells_.capacity() * sizeof(Cell) + agitation_.capacity() * sizeof(float) +
+    return (cells_.capacity() + sums_.capacity()) * sizeof(Cell) +
+           members_.capacity() * sizeof(std::uint32_t) + agitation_.capacity() * sizeof(float) +
            cell_of_.capacity() * sizeof(std::uint32_t);
 }
 

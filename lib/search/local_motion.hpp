@@ -84,7 +84,8 @@ private:
     double holds_for_ = 0;
     double fastest_ = 0; ///< m s-1
     bool still_ = true;
-    std::vector<std::uint32_t> members_; ///< particles in each cell of the lattice
+    std::vector<std::uint32_t> members_; ///< particles in each cell of the lattice, first of all
+    std::vector<Cell> sums_;             ///< memory kept for the next time
     bool own_ = false;                   ///< there is a cell for each particle
     Column<Cell> cells_;
     Column<float> agitation_;       ///< m s-1, [owned] with own velocities

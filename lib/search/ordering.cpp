@@ -2,9 +2,9 @@
 #include "search/ordering.hpp"
 
 #include "base/morton.hpp"
+#include "search/bounds.hpp"
 
 #include <algorithm>
-#include <limits>
 #include <tuple>
 
 namespace talus::search {
@@ -32,12 +32,8 @@ void permute(Vector& column, const std::vector<std::uint32_t>& order, ThreadTeam
 } // namespace
 
 std::vector<std::uint32_t> space_filling_order(const ParticleColumns& p, double cell, ThreadTeam& team) {
-    constexpr double inf = std::numeric_limits<double>::infinity();
-    Vec3 lower{inf, inf, inf};
-    for (std::size_t row = 0; row < p.owned; ++row)
-        for (int k = 0; k < 3; ++k)
-            lower[k] = std::min(lower[k], p.bodies[row].position.vec()[k]);
-
+    const Vec3 lower = bounds(
+        p.owned, [&](std::size_t row) { return p.bodies[row].position.vec(); }, team)[0];
     std::vector<Key> keys(p.owned);
     const auto cut = [&](double f) { return static_cast<std::uint64_t>(std::min(f, 2097151.0)); };
     team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
@@ -66,8 +62,10 @@ std::vector<std::uint32_t> space_filling_order(const ParticleColumns& p, double 
         });
     }
     std::vector<std::uint32_t> order(p.owned);
-    for (std::size_t k = 0; k < p.owned; ++k)
-        order[k] = keys[k].row;
+    team.for_range(p.owned, [&](std::size_t begin, std::size_t end, int) {
+        for (std::size_t k = begin; k < end; ++k)
+            order[k] = keys[k].row;
+    });
     return order;
 }
 

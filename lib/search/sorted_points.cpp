@@ -9,7 +9,6 @@
 #include "search/bounds.hpp"
 
 #include <array>
-#include <bit>
 
 HWY_BEFORE_NAMESPACE();
 namespace talus::search {
@@ -17,10 +16,22 @@ namespace HWY_NAMESPACE {
 
 using namespace talus::HWY_NAMESPACE;
 
+/// Where to write what is found in these ranges, a vector at a time, behind what `out` holds.
+inline std::uint32_t* make_room(std::span<const SortedPoints::Range> ranges, Column<std::uint32_t>& out) {
+    std::size_t most = out.size() + 16;
+    for (const auto [begin, end] : ranges)
+        most += end - begin;
+    const std::size_t held = out.size();
+    out.resize(most);
+    return out.data() + held;
+}
+
 /// Appends the rows of those of these spheres with |x - centre| < near + extent.
 void scan(const SortedPoints::Columns& p, std::span<const SortedPoints::Range> ranges,
-          const std::array<float, 3>& centre, float near, std::vector<std::uint32_t>& out) {
+          const std::array<float, 3>& centre, float near, Column<std::uint32_t>& out) {
     const hn::CappedTag<float, 16> d;
+    const hn::RebindToUnsigned<decltype(d)> u;
+    std::uint32_t* to = make_room(ranges, out);
     const auto cx = hn::Set(d, centre[0]), cy = hn::Set(d, centre[1]), cz = hn::Set(d, centre[2]);
     const auto base = hn::Set(d, near);
     for (const auto [begin, end] : ranges)
@@ -30,19 +41,22 @@ void scan(const SortedPoints::Columns& p, std::span<const SortedPoints::Range> r
             const auto reach = hn::Add(hn::LoadU(d, p.extent + k), base);
             const auto distance2 = hn::MulAdd(dx, dx, hn::MulAdd(dy, dy, hn::Mul(dz, dz)));
             const auto hit = hn::And(hn::Lt(distance2, hn::Mul(reach, reach)), hn::FirstN(d, end - k));
-            alignas(8) std::uint8_t bytes[8] = {};
-            hn::StoreMaskBits(d, hit, bytes);
-            for (unsigned bits = bytes[0] | static_cast<unsigned>(bytes[1]) << 8; bits != 0; bits &= bits - 1)
-                out.push_back(p.row[k + static_cast<std::size_t>(std::countr_zero(bits))]);
+            const auto rows = hn::LoadU(u, p.row + k);
+            hn::StoreU(hn::Compress(rows, hn::RebindMask(u, hit)), u, to);
+            to += hn::CountTrue(d, hit);
         }
+    out.resize(static_cast<std::size_t>(to - out.data()));
 }
 
 /// The same where all move on with their velocities and the centre with `velocity`, for those that are so
-/// near at some time between -time and time.
+/// near at some time between -time and time. At what time two are nearest is found roughly: the distance
+/// hardly changes around it.
 void scan_ways(const SortedPoints::Columns& p, std::span<const SortedPoints::Range> ranges,
                const std::array<float, 3>& centre, const std::array<float, 3>& velocity, float time,
-               float near, std::vector<std::uint32_t>& out) {
+               float near, Column<std::uint32_t>& out) {
     const hn::CappedTag<float, 16> d;
+    const hn::RebindToUnsigned<decltype(d)> u;
+    std::uint32_t* to = make_room(ranges, out);
     const auto cx = hn::Set(d, centre[0]), cy = hn::Set(d, centre[1]), cz = hn::Set(d, centre[2]);
     const auto ux = hn::Set(d, velocity[0]), uy = hn::Set(d, velocity[1]), uz = hn::Set(d, velocity[2]);
     const auto base = hn::Set(d, near), late = hn::Set(d, time), early = hn::Neg(late),
@@ -55,17 +69,18 @@ void scan_ways(const SortedPoints::Columns& p, std::span<const SortedPoints::Ran
                        vz = hn::Sub(hn::LoadU(d, p.vz + k), uz);
             const auto along = hn::MulAdd(dx, vx, hn::MulAdd(dy, vy, hn::Mul(dz, vz)));
             const auto speed2 = hn::MulAdd(vx, vx, hn::MulAdd(vy, vy, hn::MulAdd(vz, vz, tiny)));
-            const auto when = hn::Min(late, hn::Max(early, hn::Neg(hn::Div(along, speed2))));
+            const auto when =
+                hn::Min(late, hn::Max(early, hn::Neg(hn::Mul(along, hn::ApproximateReciprocal(speed2)))));
             const auto ex = hn::MulAdd(when, vx, dx), ey = hn::MulAdd(when, vy, dy),
                        ez = hn::MulAdd(when, vz, dz);
             const auto reach = hn::Add(hn::LoadU(d, p.extent + k), base);
             const auto distance2 = hn::MulAdd(ex, ex, hn::MulAdd(ey, ey, hn::Mul(ez, ez)));
             const auto hit = hn::And(hn::Lt(distance2, hn::Mul(reach, reach)), hn::FirstN(d, end - k));
-            alignas(8) std::uint8_t bytes[8] = {};
-            hn::StoreMaskBits(d, hit, bytes);
-            for (unsigned bits = bytes[0] | static_cast<unsigned>(bytes[1]) << 8; bits != 0; bits &= bits - 1)
-                out.push_back(p.row[k + static_cast<std::size_t>(std::countr_zero(bits))]);
+            const auto rows = hn::LoadU(u, p.row + k);
+            hn::StoreU(hn::Compress(rows, hn::RebindMask(u, hit)), u, to);
+            to += hn::CountTrue(d, hit);
         }
+    out.resize(static_cast<std::size_t>(to - out.data()));
 }
 
 } // namespace HWY_NAMESPACE
@@ -165,7 +180,9 @@ void SortedPoints::build(const ParticleColumns& p, std::span<const std::uint32_t
         if (motion != nullptr)
             std::fill(column->end() - 16, column->end(), 0.0f);
     }
-    fit(row_, n);
+    fit(row_, n + 16);
+    std::fill(row_.end() - 16, row_.end(), 0u);
+    size_ = n;
     team.for_range(n, [&](std::size_t begin, std::size_t end, int) {
         for (std::size_t k = begin; k < end; ++k) {
             const std::uint32_t place = place_[k];
@@ -284,8 +301,8 @@ SortedPoints::Columns SortedPoints::columns() const {
     return {x_.data(), y_.data(), z_.data(), extent_.data(), vx_.data(), vy_.data(), vz_.data(), row_.data()};
 }
 
-void SortedPoints::near(const Vec3& centre, double near, std::vector<std::uint32_t>& out) const {
-    if (row_.empty())
+void SortedPoints::near(const Vec3& centre, double near, Column<std::uint32_t>& out) const {
+    if (size_ == 0)
         return;
     const auto scan_ranges = HWY_DYNAMIC_DISPATCH(scan);
     const std::array<float, 3> local = in_floats(centre - lower_);
@@ -295,8 +312,8 @@ void SortedPoints::near(const Vec3& centre, double near, std::vector<std::uint32
 }
 
 void SortedPoints::near_way(const Vec3& centre, const Vec3& velocity, double near,
-                            std::vector<std::uint32_t>& out) const {
-    if (row_.empty())
+                            Column<std::uint32_t>& out) const {
+    if (size_ == 0)
         return;
     const auto scan_ranges = HWY_DYNAMIC_DISPATCH(scan_ways);
     const Vec3 middle = centre + time_ * velocity;

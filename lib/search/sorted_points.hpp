@@ -28,13 +28,12 @@ public:
                std::span<const float> share, double smallest_cell, const LocalMotion* motion, double time,
                ThreadTeam& team);
 
-    std::size_t size() const { return row_.size(); }
+    std::size_t size() const { return size_; }
     /// Appends the rows with |x - centre| < near + extent to `out`.
-    void near(const Vec3& centre, double near, std::vector<std::uint32_t>& out) const;
+    void near(const Vec3& centre, double near, Column<std::uint32_t>& out) const;
     /// The same for a centre that moves with `velocity` (m s-1), at any time until twice that of build(): a
     /// few more may be among them by the rounding of their ways.
-    void near_way(const Vec3& centre, const Vec3& velocity, double near,
-                  std::vector<std::uint32_t>& out) const;
+    void near_way(const Vec3& centre, const Vec3& velocity, double near, Column<std::uint32_t>& out) const;
     std::size_t memory() const;
 
     /// In cell order.
@@ -77,9 +76,11 @@ private:
     std::array<int, 3> cells_{1, 1, 1};
     double largest_extent_ = 0, rounding_ = 0;
     double time_ = 0; ///< s, at which the points are where they are here, from when build() was called
+    std::size_t size_ = 0;
     Column<float> x_, y_, z_, extent_; ///< in cell order, a vector longer than there are points
     Column<float> vx_, vy_, vz_;       ///< where they move on
-    Column<std::uint32_t> row_, place_;
+    Column<std::uint32_t> row_;        ///< likewise
+    Column<std::uint32_t> place_;
     std::vector<std::uint32_t> start_, fill_;
     std::array<int, 3> block_count_{};
     std::vector<Block> blocks_; ///< where points move on

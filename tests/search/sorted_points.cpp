@@ -61,7 +61,7 @@ TEST(SortedPoints, FindAllThatComeNearOnTheirWays) {
         EXPECT_EQ(points.size(), some ? rows.size() : c.p.owned);
         std::size_t total = 0, at_once = 0;
         for (std::size_t i = 0; i < c.p.owned; ++i) {
-            std::vector<std::uint32_t> found;
+            Column<std::uint32_t> found;
             points.near_way(c.p.bodies[i].position.vec(), c.motion.of(i).velocity(), near, found);
             std::sort(found.begin(), found.end());
             for (std::uint32_t j = 0; j < c.p.owned; ++j) {
@@ -90,7 +90,7 @@ TEST(SortedPoints, FindAllThatAreNear) {
     SortedPoints points;
     points.build(c.p, {}, 1.1, c.share, 0.05, nullptr, 0, team);
     for (std::size_t i = 0; i < c.p.owned; ++i) {
-        std::vector<std::uint32_t> found;
+        Column<std::uint32_t> found;
         points.near(c.p.bodies[i].position.vec(), 0.05, found);
         std::sort(found.begin(), found.end());
         for (std::uint32_t j = 0; j < c.p.owned; ++j) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-/// Single contacts against closed forms: Hertz impact, restitution, sliding to rolling, a bond in tension.
+/// Closed forms: Hertz impact, restitution, sliding to rolling, a bond in tension, a fall against a drag.
 #include "scenes.hpp"
 
 #include <gtest/gtest.h>
@@ -188,6 +188,33 @@ TEST(Bond, PairPulledApartSoftensAndBreaksWhereItShould) { // c14
     EXPECT_EQ(breaks[0].mode, 1);
     s.step();
     EXPECT_EQ(norm(s.snapshot().force[0]), 0);
+}
+
+/// How far the speed of a grain that falls from rest against a drag is from g/c (1 - exp(-c t)), in g/c,
+/// after `over` / c.
+double error_of_fall(double drag_times_step, double over) {
+    Scene scene = bare_scene();
+    scene.gravity = {0, 0, -9.81};
+    ThreadTeam team(1);
+    const Grains g = spheres({{0, 0, 0}}, {0.01});
+    const double dt = Simulation(scene, g, team).time_step().step;
+    scene.viscous_damping = drag_times_step / dt;
+    Simulation s(scene, g, team);
+    for (double t = 0; t < over - 1e-9; t += drag_times_step)
+        s.step();
+    const double slowness = scene.viscous_damping / 9.81;
+    return -s.snapshot().velocity[0].z * slowness - (1 - std::exp(-scene.viscous_damping * s.time()));
+}
+
+TEST(ViscousDrag, FallsAtItsFinalSpeedAtAnyStep) {
+    for (const double drag_times_step : {0.01, 0.7, 3.0, 50.0})
+        EXPECT_NEAR(error_of_fall(drag_times_step, 30 + 1000 * drag_times_step), 0, 1e-9) << drag_times_step;
+}
+
+TEST(ViscousDrag, IsOfSecondOrderInTheStep) {
+    const double coarse = error_of_fall(0.04, 1), fine = error_of_fall(0.02, 1);
+    EXPECT_NEAR(std::log2(coarse / fine), 2, 0.1);
+    EXPECT_NEAR(fine, 0, 4e-4);
 }
 
 } // namespace

@@ -468,9 +468,10 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
         return r.is_second() ? p.shift(c.i) - p.shift(c.j) : p.shift(c.j) - p.shift(c.i);
     };
     team.for_range(summed_rows, [&](std::size_t begin, std::size_t end, int) {
-        std::vector<std::uint64_t> id(32); // of the partner
-        std::vector<Reference> reference(32);
-        std::vector<std::uint32_t> rank(32);
+        constexpr std::size_t few = 32;
+        std::vector<std::uint64_t> id(few); // of the partner
+        std::vector<Reference> reference(few);
+        std::vector<std::uint32_t> rank(few);
         for (std::size_t row = begin; row < end; ++row) {
             Reference* const first = references_.data() + reference_start_[row];
             const std::size_t count = reference_start_[row + 1] - reference_start_[row];
@@ -491,16 +492,25 @@ void CandidateList::build_references(const ParticleColumns& p, ThreadTeam& team)
                 const Candidate c = candidates_[first[n].candidate()];
                 id[n] = p.id[first[n].is_second() ? c.i : c.j];
             }
-            // How many come before each: for so few that is quicker than what decides step by step.
+            const auto before = [&](std::size_t a, std::size_t b) {
+                return id[a] != id[b] ? id[a] < id[b] : image(reference[a]) < image(reference[b]);
+            };
+            if (count > few) {
+                const auto end_of_row = rank.begin() + static_cast<std::ptrdiff_t>(count);
+                std::iota(rank.begin(), end_of_row, 0u);
+                std::sort(rank.begin(), end_of_row, before);
+                for (std::size_t k = 0; k < count; ++k)
+                    first[k] = reference[rank[k]];
+                continue;
+            }
+            // How many stand before each: for few that is quicker than what decides step by step.
             for (std::size_t a = 0; a < count; ++a) {
-                std::uint32_t before = 0;
+                rank[a] = 0;
                 for (std::size_t b = 0; b < a; ++b) {
-                    const bool is_before =
-                        id[b] != id[a] ? id[b] < id[a] : image(reference[b]) < image(reference[a]);
-                    before += is_before;
+                    const bool is_before = before(b, a);
+                    rank[a] += is_before;
                     rank[b] += !is_before;
                 }
-                rank[a] = before;
             }
             for (std::size_t k = 0; k < count; ++k)
                 first[rank[k]] = reference[k];

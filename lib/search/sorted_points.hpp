@@ -21,9 +21,8 @@ public:
     /// times `factor` and its owner's share.
     /// @param rows  empty: all rows
     /// @param share [owned] m
-    /// @param motion where given, spheres stand where they are after some `time` (s) with its velocities:
-    /// then
-    ///               `near_way` can be asked, and else `near`
+    /// @param motion where given, spheres stand where they are after some `time` (s) with its
+    ///               velocities: then `near_way` can be asked, else `near`
     void build(const ParticleColumns& p, std::span<const std::uint32_t> rows, double factor,
                std::span<const float> share, double smallest_cell, const LocalMotion* motion, double time,
                ThreadTeam& team);

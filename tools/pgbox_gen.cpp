@@ -243,6 +243,8 @@ void register_sediment(cli::Settings& s, Settings& all) {
              "and root mean square speed over that of the compression", cli::positive);
     s.number("sediment.settle_damping", c.settle_damping, Unit::none,
              "viscous damping per fall, once all have come down", cli::not_negative);
+    s.number("sediment.settle_friction", c.settle_friction, Unit::none,
+             "friction, where it is more than the grains', while they settle", cli::not_negative);
     s.number("sediment.compression_speed", c.compression_speed, Unit::none,
              "of the bottom layer, in box lengths per fall", cli::positive);
     s.number("sediment.overpush", c.overpush, Unit::none,

@@ -51,9 +51,10 @@ void check(const SedimentSettings& s) {
     if (!(s.overpush >= 0 && s.overpush < s.beta))
         refuse(fmt::format("sediment.overpush: found {}, expected 0 to sediment.beta", s.overpush));
     for (const auto& [key, value] :
-         {std::pair{"friction", s.joint_friction}, std::pair{"thickness", s.joint_thickness}})
+         {std::pair{"settle_friction", s.settle_friction}, std::pair{"joint_friction", s.joint_friction},
+          std::pair{"joint_thickness", s.joint_thickness}})
         if (!(value >= 0) || !std::isfinite(value))
-            refuse(fmt::format("sediment.joint_{}: found {}, expected 0 or more", key, value));
+            refuse(fmt::format("sediment.{}: found {}, expected 0 or more", key, value));
     positive("sediment.kinetic_ratio", s.kinetic_ratio);
     positive("sediment.relax_limit", s.relax_limit);
     if (!(s.sizes.solid_volume_fraction >= 0.56 && s.sizes.solid_volume_fraction <= 0.68))
@@ -335,6 +336,7 @@ Bed Route::settle() {
     const Box box{{0, 0, -length_}, {length_, length_, top + 2 * length_}, {true, true, false}};
     engine::Scene fall = scene(box);
     fall.gravity = {0, 0, -s_.gravity};
+    fall.material.friction = std::max(fall.material.friction, s_.settle_friction);
     fall.walls = {
         {.name = "floor", .point = {}, .normal = {0, 0, 1}, .velocity = {}, .material = s_.material}};
     const std::vector<Role> role(count, Role::free);
@@ -526,11 +528,11 @@ void Route::compress() {
     show("compressed", role, open_column());
 }
 
-/// Grains on both sides of the plane where slab and layer will meet.
+/// Grains on both sides of the plane where slab and layer will meet: the slab's bottom comes up by gamma.
 void Route::mark_joint() {
     joint_.assign(bed_.size(), 0);
     for (std::size_t i = 0; i < bed_.size(); ++i) {
-        const double z = bed_.position[i].z + (layer_[i] ? (result_.gamma + 1) * r_ : 0);
+        const double z = bed_.position[i].z + (result_.gamma + (layer_[i] ? 1 : 0)) * r_;
         joint_[i] = std::abs(z - s_.beta * r_) < s_.joint_thickness * r_;
     }
 }

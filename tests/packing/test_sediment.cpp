@@ -37,6 +37,20 @@ Vec3 branch(const PgBox& box, std::size_t c) {
            box.position[static_cast<std::size_t>(box.contacts.pair[c][0])];
 }
 
+/// Solid fraction of the slab between two heights that no sphere reaches from the other side of the box.
+double solid_fraction_between(const PgBox& box, double low, double high) {
+    const auto below = [](double r, double height) { // of a sphere's volume, height above its centre
+        const double cap = std::clamp(r + height, 0.0, 2 * r);
+        return std::numbers::pi * cap * cap * (r - cap / 3);
+    };
+    double sum = 0;
+    for (std::size_t i = 0; i < box.size(); ++i) {
+        const double z = box.position[i].z, r = box.radius[i];
+        sum += below(r, high - z) - below(r, low - z);
+    }
+    return sum / ((high - low) * box.length * box.length);
+}
+
 /// Mean of cos^2 of the angle to z, contacts weighted by overlap: 1/3 where isotropic.
 double vertical_share(const PgBox& box) {
     double sum = 0, all = 0;
@@ -112,9 +126,32 @@ TEST(Sediment, FrictionlessBoxIsInBalanceAndForgetsTheVertical) {
     const SedimentResult made = sediment(settings, team);
     ASSERT_TRUE(made.converged) << made.failure;
     EXPECT_NEAR(solid_fraction(made.box), 0.64, 1e-12);
+    EXPECT_LT(made.sediment_fraction, 0.638); // denser ones do not press upon the joint
+    EXPECT_GT(made.sediment_fraction, 0.62);
     EXPECT_LT(unbalanced(made.box, settings.material, false), 1e-3);
     EXPECT_NEAR(vertical_share(made.box), 1.0 / 3, 0.025);
     EXPECT_TRUE(made.box.contacts.tangential_displacement.empty());
+}
+
+// Slab and layer meet at beta r, where all rounds of homogenising together leave them.
+TEST(Sediment, JointOfSlabAndLayerIsAsDenseAsTheRest) {
+    ThreadTeam team(2);
+    const auto at_joint = [&](double friction, double joint_friction, std::uint64_t seeds) {
+        double sum = 0;
+        for (std::uint64_t seed = 1; seed <= seeds; ++seed) {
+            SedimentSettings settings = coarse(friction, 0.06);
+            settings.joint_friction = joint_friction;
+            settings.seed = seed;
+            const double joint = settings.beta * settings.sizes.radius;
+            const SedimentResult made = sediment(settings, team);
+            EXPECT_TRUE(made.converged) << made.failure;
+            sum += solid_fraction_between(made.box, joint - 0.06, joint + 0.06);
+        }
+        return sum / static_cast<double>(seeds);
+    };
+    EXPECT_GT(at_joint(0.4, SedimentSettings{}.joint_friction, 4), 0.62);
+    EXPECT_LT(at_joint(0.4, 0.4, 4), 0.62);
+    EXPECT_GT(at_joint(0, 0, 2), 0.625);
 }
 
 TEST(Sediment, SameBitsAtAnyNumberOfThreads) {

@@ -39,10 +39,10 @@ struct SedimentSettings {
     std::optional<double> gamma;     ///< of r. Empty: what makes the number of grains right
     double compression_speed = 0.03; ///< L per fall, of the bottom layer
     double overpush = 0.2; ///< of r: by how much the layer is pushed too far before it is drawn back
-    /// Friction of grains whose centres lie within `joint_thickness` (of r) of the joint of slab and layer,
-    /// until the joint has relaxed inside the box. Two cut faces do not lock together: with all their
-    /// friction they leave a loose slab (0.60 instead of 0.64 in one diameter), without any they pack denser
-    /// than the rest.
+    /// Friction of grains whose centres will lie within `joint_thickness` (of r) of the joint of slab and
+    /// layer, until the joint has relaxed inside the box. Two cut faces do not lock together: with all their
+    /// friction they leave a loose slab (0.60 instead of 0.64 in one diameter), with next to none one with
+    /// more contacts than the rest.
     double joint_friction = 0.1, joint_thickness = 1;
 
     double stroke = 0;      ///< of r: by how much each new bottom layer is drawn back and pushed up again

@@ -33,7 +33,7 @@ struct SedimentSettings {
     double settle_damping = 3; ///< per fall, once everybody has come down
     /// Friction of grains with less, while they settle. Without any they come to 0.644, denser than a box of
     /// 0.64, which then touches itself only because the joint (below) is loose. 0.02 makes the published
-    /// 0.638; from 0.08 on no joint is to be seen.
+    /// 0.638; with 0.08 no joint is to be seen.
     double settle_friction = 0.08;
 
     std::optional<double> gamma;     ///< of r. Empty: what makes the number of grains right

@@ -1,10 +1,25 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <cstddef>
 #include <cstdint>
+#include <vector>
 
 namespace talus {
 
 /// Most memory that this process has had at once, bytes.
 std::uint64_t peak_memory();
+
+/// From now on blocks of a quarter of a mebibyte and more return to the system as soon as they are freed, so
+/// that what a process needs at most can be foretold. For a program whose large blocks live long.
+void give_back_large_blocks();
+
+/// As many values, whatever they are: no more memory than that, and what does not suffice is given back
+/// first.
+template <class T>
+void resize_anew(std::vector<T>& values, std::size_t count) {
+    if (count > values.capacity())
+        std::vector<T>().swap(values); // assigning {} would keep the memory
+    values.resize(count);
+}
 
 } // namespace talus

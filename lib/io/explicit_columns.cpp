@@ -17,17 +17,20 @@ namespace {
 
 constexpr auto compressed = hdf::Filter::compressed;
 constexpr auto checksum = hdf::Filter::checksum;
+constexpr auto chunk_bytes = StreamedColumn<double>::default_chunk_bytes;
 
 } // namespace
 
-ExplicitColumns::ExplicitColumns(const hdf::File& to, const ExplicitFrame& frame)
-    : frame_(frame), root_(to.root()), particles_(root_.create_group("particles/all")),
-      position_(particles_, "position", "m", checksum, 3), radius_(particles_, "radius", "m", compressed),
-      species_(particles_, "species", "", compressed), release_(particles_, "release", "", compressed),
-      material_(particles_, "material", "", compressed),
-      pair_(root_, "connectivity/contacts", "", compressed, 2),
-      image_(root_, "granular/contacts/image", "", compressed, 3),
-      overlap_(root_, "granular/contacts/normal_overlap", "m", checksum) {
+ExplicitColumns::ExplicitColumns(const hdf::File& to, const ExplicitFrame& frame, ThreadTeam& team)
+    : frame_(frame), root_(to.root()), particles_(root_.create_group("particles/all")), press_(team),
+      position_(particles_, "position", "m", checksum, 3, chunk_bytes, &press_),
+      radius_(particles_, "radius", "m", compressed, 1, chunk_bytes, &press_),
+      species_(particles_, "species", "", compressed, 1, chunk_bytes, &press_),
+      release_(particles_, "release", "", compressed, 1, chunk_bytes, &press_),
+      material_(particles_, "material", "", compressed, 1, chunk_bytes, &press_),
+      pair_(root_, "connectivity/contacts", "", compressed, 2, chunk_bytes, &press_),
+      image_(root_, "granular/contacts/image", "", compressed, 3, chunk_bytes, &press_),
+      overlap_(root_, "granular/contacts/normal_overlap", "m", checksum, 1, chunk_bytes, &press_) {
     if (!is_finite(frame.origin))
         to.context().fail("/particles/all/position", "the origin is not finite; give three numbers in m");
     if (frame.box)
@@ -78,6 +81,7 @@ void ExplicitColumns::add(const Grains& grains) {
         image_.append(contacts.image.data()->data(), m);
         overlap_.append(contacts.normal_overlap.data(), m);
     }
+    press_.flush();
     count_ += n;
     contacts_ += m;
 }
@@ -120,23 +124,26 @@ struct ExplicitWriter::State {
     ExplicitColumns columns;
 
     State(const std::string& path, const ExplicitFrame& frame, const Provenance& provenance,
-          const std::string& config, bool overwrite)
+          const std::string& config, bool overwrite, ThreadTeam& team)
         : output(path, overwrite), sidecar(sidecar_path(path), true),
-          to(create_file(output.partial(), path, FileKind::model, provenance, config)), columns(to, frame) {}
+          to(create_file(output.partial(), path, FileKind::model, provenance, config)),
+          columns(to, frame, team) {}
 };
 
 ExplicitWriter::ExplicitWriter(const std::string& path, const ExplicitFrame& frame,
-                               const Provenance& provenance, const std::string& config, bool overwrite)
-    : state_(std::make_unique<State>(path, frame, provenance, config, overwrite)) {}
+                               const Provenance& provenance, const std::string& config, bool overwrite,
+                               ThreadTeam& team)
+    : state_(std::make_unique<State>(path, frame, provenance, config, overwrite, team)) {}
 
 ExplicitWriter::~ExplicitWriter() = default;
 
 ExplicitFileSize explicit_file_size(const Grains& grains, const ExplicitFrame& frame,
-                                    const Provenance& provenance, const std::string& config) {
+                                    const Provenance& provenance, const std::string& config,
+                                    ThreadTeam& team) {
     hdf::Writers nowhere;
     nowhere.in_memory = true;
     const hdf::File to = create_file("size", "size", FileKind::model, provenance, config, nowhere);
-    ExplicitColumns columns(to, frame);
+    ExplicitColumns columns(to, frame, team);
     columns.add(grains);
     columns.finish("size");
     to.flush();

@@ -12,7 +12,7 @@ namespace talus::io {
 /// Writes /particles/all and the contacts of an explicit model, some particles at a time.
 class ExplicitColumns {
 public:
-    ExplicitColumns(const hdf::File& to, const ExplicitFrame& frame);
+    ExplicitColumns(const hdf::File& to, const ExplicitFrame& frame, ThreadTeam& team);
     ExplicitColumns(const ExplicitColumns&) = delete; // columns know their groups
     ExplicitColumns& operator=(const ExplicitColumns&) = delete;
     void add(const Grains& grains);
@@ -25,6 +25,7 @@ private:
     std::uint64_t count_ = 0;    ///< particles so far
     std::uint64_t contacts_ = 0; ///< so far
     std::int64_t largest_partner_ = -1;
+    hdf::ChunkPress press_;
     StreamedColumn<double> position_, radius_;
     StreamedColumn<std::uint8_t> species_, release_, material_;
     StreamedColumn<std::int64_t> pair_;

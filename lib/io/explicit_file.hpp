@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include "base/thread_team.hpp"
 #include "io/provenance.hpp"
 #include "particles/grains.hpp"
 
@@ -24,9 +25,9 @@ struct ExplicitFrame {
 /// particles.
 class ExplicitWriter {
 public:
-    /// @throws Error as write_model()
+    /// @param team filters what is written; the file is the same for any. @throws Error as write_model()
     ExplicitWriter(const std::string& path, const ExplicitFrame& frame, const Provenance& provenance,
-                   const std::string& config, bool overwrite);
+                   const std::string& config, bool overwrite, ThreadTeam& team);
     ~ExplicitWriter();
     /// The next particles (positions, radii, and the columns that the frame names) with the contacts whose
     /// lower particle is among them; contacts name particles of the whole model and are sorted.
@@ -49,6 +50,7 @@ struct ExplicitFileSize {
     static std::uint64_t plain(std::uint64_t particles, std::uint64_t contacts);
 };
 ExplicitFileSize explicit_file_size(const Grains& grains, const ExplicitFrame& frame,
-                                    const Provenance& provenance, const std::string& config);
+                                    const Provenance& provenance, const std::string& config,
+                                    ThreadTeam& team);
 
 } // namespace talus::io

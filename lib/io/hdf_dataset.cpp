@@ -257,6 +257,17 @@ void Dataset::append_rows(hid_t type, const void* values, hsize_t rows, const hs
     write_slab(type, values, mine, all);
 }
 
+void Dataset::append_chunk(std::span<const std::byte> stored, unsigned filter_mask) const {
+    Dims whole = dims();
+    Dims offset(whole.size(), 0);
+    offset[0] = whole[0];
+    whole[0] += chunk_of(id_)[0];
+    context_->settle(H5Dset_extent(id_, whole.data()) >= 0, path_, "extended");
+    context_->settle(
+        H5Dwrite_chunk(id_, H5P_DEFAULT, filter_mask, offset.data(), stored.size(), stored.data()) >= 0,
+        path_, "written");
+}
+
 void Dataset::allocate(const Slab& slab) const {
     const Dims chunk = chunk_of(id_);
     const Id stored(H5Dget_type(id_), H5Tclose);

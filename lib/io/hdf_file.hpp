@@ -169,6 +169,10 @@ public:
         const hsize_t part[] = {first, count};
         append_rows(memory_type<T>(), values, 1, part);
     }
+    /// Extends by one chunk, of an extendable dataset of one process, as it is to lie in the file
+    /// (ChunkPress).
+    /// @param filter_mask bit of each filter that was left out
+    void append_chunk(std::span<const std::byte> stored, unsigned filter_mask) const;
     /// Adds to `extents` where the file holds the chunks of this slab (flushed).
     void find_chunks(const Dims& offset, const Dims& count, std::vector<Extent>& extents) const;
     /// Reads chunk by chunk and drops the data: tests the checksums.

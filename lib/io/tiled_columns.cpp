@@ -90,6 +90,14 @@ MaskColumn::MaskColumn(const hdf::Group& group, const std::string& name)
     : column_(group, name, "", compressed, 1, chunk) {}
 
 void MaskColumn::append(std::span<const std::uint8_t> bytes, std::size_t count) {
+    if (waiting_.empty()) {
+        if (std::all_of(bytes.begin(), bytes.end(), [](std::uint8_t b) { return b == 0; })) {
+            zeros_ += count;
+            return;
+        }
+        waiting_.reserve(chunk);
+        waiting_.resize(std::exchange(zeros_, 0), 0);
+    }
     if (bytes.empty())
         waiting_.resize(waiting_.size() + count, 0);
     else
@@ -97,15 +105,16 @@ void MaskColumn::append(std::span<const std::uint8_t> bytes, std::size_t count) 
 }
 
 void MaskColumn::flush() {
-    marked_ = marked_ || std::any_of(waiting_.begin(), waiting_.end(), [](std::uint8_t b) { return b != 0; });
-    if (marked_) {
-        const std::vector<std::uint8_t> zeros(zero_chunks_ > 0 ? chunk : 0, 0);
-        for (; zero_chunks_ > 0; --zero_chunks_)
-            column_.append(zeros.data(), chunk);
-        column_.append(waiting_.data(), waiting_.size());
-    } else {
-        ++zero_chunks_;
+    marked_ = marked_ || !waiting_.empty();
+    if (!marked_) {
+        zero_bytes_ += std::exchange(zeros_, 0);
+        return;
     }
+    waiting_.resize(waiting_.size() + std::exchange(zeros_, 0), 0);
+    const std::vector<std::uint8_t> zeros(std::min<std::uint64_t>(zero_bytes_, chunk), 0);
+    for (; zero_bytes_ > 0; zero_bytes_ -= zeros.size()) // whole chunks
+        column_.append(zeros.data(), zeros.size());
+    column_.append(waiting_.data(), waiting_.size());
     waiting_.clear();
 }
 

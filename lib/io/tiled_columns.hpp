@@ -28,8 +28,9 @@ public:
 
 private:
     StreamedColumn<std::uint8_t> column_;
-    std::vector<std::uint8_t> waiting_; ///< of the present chunk
-    std::uint64_t zero_chunks_ = 0;     ///< before the first bit that is set
+    std::vector<std::uint8_t> waiting_; ///< the present chunk, from its first bit that is set
+    std::size_t zeros_ = 0;             ///< bytes of the present chunk, as long as none is
+    std::uint64_t zero_bytes_ = 0;      ///< of the chunks before the mask's first bit
     bool marked_ = false;
 };
 

@@ -2,6 +2,7 @@
 #include "tiling/expand.hpp"
 
 #include "base/error.hpp"
+#include "base/memory.hpp"
 #include "particles/seams.hpp"
 #include "tiling/lattice.hpp"
 
@@ -494,8 +495,8 @@ void Expander::tiles(std::size_t first_tile, std::size_t last_tile, ContactsWant
     const auto count = some ? static_cast<std::size_t>(model_.tiles[last_tile - 1].first_particle +
                                                        model_.tiles[last_tile - 1].kept - base)
                             : std::size_t{0};
-    grains.position.resize(count);
-    grains.radius.resize(count);
+    resize_anew(grains.position, count);
+    resize_anew(grains.radius, count);
     if (!model_.fixed_mask.empty())
         grains.species.assign(count, Species::grain);
     if (!model_.release_mask.empty())
@@ -528,9 +529,9 @@ void Expander::tiles(std::size_t first_tile, std::size_t last_tile, ContactsWant
     for (std::size_t k = 0; k < tile_count; ++k)
         start[k + 1] += start[k];
     ContactTable& table = grains.contacts;
-    table.pair.resize(start.back());
-    table.image.resize(start.back());
-    table.normal_overlap.resize(start.back());
+    resize_anew(table.pair, start.back());
+    resize_anew(table.image, start.back());
+    resize_anew(table.normal_overlap, start.back());
     if (wanted == ContactsWanted::none)
         return;
     each_tile([&](std::size_t k) {

@@ -25,7 +25,7 @@ ExpansionReport write_expanded(const std::string& path, const TiledModel& model,
                             !model.fixed_mask.empty(),
                             !model.release_mask.empty(),
                             model.has_materials()};
-    io::ExplicitWriter writer(path, frame, provenance, config, overwrite);
+    io::ExplicitWriter writer(path, frame, provenance, config, overwrite, team);
     report.writing_time += lap();
     expand_in_parts(expander, wanted, team, [&](const Grains& grains) {
         report.expansion_time += lap();

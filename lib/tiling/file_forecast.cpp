@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 namespace talus::tiling {
 
@@ -20,33 +21,57 @@ std::uint64_t scaled(std::uint64_t bytes, std::uint64_t whole, std::uint64_t sam
 }
 
 constexpr std::uint64_t particles_at_once = 1'000'000; ///< of expand_in_parts()
-constexpr std::uint64_t particle_bytes = 24 + 8 + 1 + 1, contact_bytes = 16 + 3 + 8;
-// What writing takes beside the data, measured: chunks that wait for more, the same under way through the
-// filters, what HDF5 keeps of them; and columns of particles that grow from one part of the model to the
-// next.
-constexpr std::uint64_t fixed_cost = 3u << 19, tiled_chunk = 1u << 20, explicit_chunk = 4u << 20,
-                        growing = 28u << 20;
+constexpr std::uint64_t tiled_chunk = 1u << 20, explicit_chunk = 4u << 20;
+// What writing takes beside the data, measured: HDF5's own, stacks of threads, buffers of the output.
+constexpr std::uint64_t tiled_fixed = 2u << 20, explicit_fixed = 1u << 20;
+constexpr std::uint64_t filter_copies = 3; ///< of a chunk under way through HDF5's filters
 
-std::uint64_t tiled_buffers(const TrimCounts& c, std::size_t box_size) {
-    const std::uint64_t masks = 1 + (c.fixed_count > 0 ? 1 : 0) + (c.release_count > 0 ? 1 : 0);
-    const std::uint64_t widest = (c.tiles_full + c.tiles_cut) * 12; // column of the table
-    return fixed_cost + 2 * masks * std::min(c.tiles_cut * mask_bytes(box_size), tiled_chunk) +
-           23 * std::min(widest, explicit_chunk) / 10;
+std::uint64_t masks_of(const TrimCounts& c) {
+    return 1 + (c.fixed_count > 0 ? 1 : 0) + (c.release_count > 0 ? 1 : 0);
 }
 
-std::uint64_t explicit_buffers(std::uint64_t particles, std::uint64_t contacts) {
-    std::uint64_t waiting = 0;
-    for (const std::uint64_t column :
-         {24 * particles, 8 * particles, particles, particles, 16 * contacts, 3 * contacts, 8 * contacts})
-        waiting += std::min(column, explicit_chunk);
-    return fixed_cost + 5 * waiting / 4 + (particles > particles_at_once ? growing : 0);
+/// Chunks that wait for more and what HDF5 keeps of each mask, one under way, the table's widest column.
+std::uint64_t tiled_buffers(const TrimCounts& c, std::size_t box_size) {
+    const std::uint64_t widest = (c.tiles_full + c.tiles_cut) * 12;
+    const std::uint64_t chunk = std::min(c.tiles_cut * mask_bytes(box_size), tiled_chunk);
+    return tiled_fixed + 2 * masks_of(c) * chunk + 23 * std::min(widest, explicit_chunk) / 10;
+}
+
+/// The most of: each part of the model in memory with the chunks that wait for more, before and after, and
+/// those under way through ChunkPress; the last chunks.
+std::uint64_t explicit_parts(std::uint64_t particles, std::uint64_t contacts, std::uint64_t marks,
+                             int threads) {
+    std::vector<std::uint64_t> columns = {24 * particles, 8 * particles, 16 * contacts, 3 * contacts,
+                                          8 * contacts};
+    columns.insert(columns.end(), marks, particles);
+    std::uint64_t most = 0;
+    for (std::uint64_t first = 0; first < particles; first += particles_at_once) {
+        const std::uint64_t last = std::min(particles, first + particles_at_once);
+        std::uint64_t held = 0, copies = 0; // copies of a chunk for each thread
+        for (const std::uint64_t column : columns) {
+            const std::uint64_t before = scaled(column, first, particles),
+                                after = scaled(column, last, particles);
+            const bool completes = after / explicit_chunk > before / explicit_chunk;
+            const std::uint64_t head = completes ? before % explicit_chunk : 0;
+            held += after - before + head + after % explicit_chunk;
+            // Shuffled and stored; where the part before has begun it, joined.
+            if (completes)
+                copies = std::max<std::uint64_t>(copies, head > 0 ? 3 : 2);
+        }
+        most = std::max(most, held + copies * explicit_chunk * static_cast<std::uint64_t>(threads));
+    }
+    std::uint64_t waiting = 0, largest = 0;
+    for (const std::uint64_t column : columns) {
+        waiting += column % explicit_chunk;
+        largest = std::max(largest, std::min(column, explicit_chunk));
+    }
+    return explicit_fixed + std::max(most, waiting + filter_copies * largest);
 }
 
 /// Of a tiled model in memory: its table, its masks.
 std::uint64_t tiled_bytes(const TrimCounts& c, std::size_t box_size) {
-    const std::uint64_t masks = 1 + (c.fixed_count > 0 ? 1 : 0) + (c.release_count > 0 ? 1 : 0);
     return (c.tiles_full + c.tiles_cut) * sizeof(TiledModel::Tile) +
-           c.tiles_cut * masks * mask_bytes(box_size);
+           c.tiles_cut * masks_of(c) * mask_bytes(box_size);
 }
 
 std::uint64_t contacts_of(const Expander& expander, std::size_t tiles, ContactsWanted wanted,
@@ -105,14 +130,13 @@ FileForecast forecast_file(const TrimForecast& f, std::optional<ContactsWanted> 
                                   !f.sample.fixed_mask.empty(),
                                   !f.sample.release_mask.empty(),
                                   f.sample.has_materials()};
-    const io::ExplicitFileSize size = io::explicit_file_size(grains, frame, provenance, config);
+    const io::ExplicitFileSize size = io::explicit_file_size(grains, frame, provenance, config, team);
     result.bytes = size.others + io::ExplicitFileSize::plain(all.particle_count, result.contact_count) +
                    scaled(size.compressed_particles, all.particle_count, grains.size()) +
                    scaled(size.compressed_contacts, result.contact_count, contacts);
-    const std::uint64_t at_once = std::min(particles_at_once, all.particle_count);
-    result.memory = tiled_bytes(all, f.sample.boxes.front().size()) + at_once * particle_bytes +
-                    scaled(result.contact_count * contact_bytes, at_once, all.particle_count) +
-                    explicit_buffers(all.particle_count, result.contact_count);
+    const std::uint64_t marks = (frame.species ? 1 : 0) + (frame.release ? 1 : 0) + (frame.material ? 1 : 0);
+    result.memory = tiled_bytes(all, f.sample.boxes.front().size()) +
+                    explicit_parts(all.particle_count, result.contact_count, marks, team.size());
     return result;
 }
 

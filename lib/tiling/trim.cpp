@@ -285,7 +285,7 @@ private:
 /// at a time; so many columns at most are begun beyond the one that is due.
 template <class Use>
 TrimCounts walk_all(const Walk& walk, const Sampling& sampling, ThreadTeam& team, Use&& use) {
-    constexpr std::size_t ahead = 128;
+    const std::size_t ahead = 16 * static_cast<std::size_t>(team.size());
     std::mutex mutex;
     std::condition_variable changed;
     std::vector<std::optional<Column>> done(ahead);

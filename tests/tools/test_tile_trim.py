@@ -251,7 +251,8 @@ class Forecast(ToolTest):
         cases = {"cylinder": ["--cylinder", "20,30", "--radius-max", "8cm"],
                  "finer cylinder": ["--cylinder", "20,30", "--radius-max", "4cm"],
                  "real": [*real, "--radius-max", "50cm"], "finer real": [*real, "--radius-max", "25cm"],
-                 "written out": [*real, "--radius-max", "80cm", "--explicit"]}
+                 "written out": [*real, "--radius-max", "80cm", "--explicit"],
+                 "written out in parts": [*real, "--radius-max", "40cm", "--explicit"]}
         for what, words in cases.items():
             with self.subTest(what):
                 told = self.ok("tile-trim", "box.h5", *words, "-n", "-o", "n.h5", "--format", "json").json
@@ -261,8 +262,8 @@ class Forecast(ToolTest):
                 keys = ["particle_count", "bytes_written"] + (["contact_count"] if "--explicit" in words else [])
                 for key in keys:
                     self.assertAlmostEqual(told[key] / done[key], 1, delta=0.02, msg=f"{what}: {key}")
-                # Of some 50 MB, most of which are libraries; what waits between threads differs from run to run.
-                self.assertAlmostEqual(told["peak_memory"] / done["peak_memory"], 1, delta=0.12,
+                # What waits between threads differs from run to run.
+                self.assertAlmostEqual(told["peak_memory"] / done["peak_memory"], 1, delta=0.04,
                                        msg=what)
 
 

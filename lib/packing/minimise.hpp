@@ -35,8 +35,9 @@ struct Minimum {
 
 /// Takes the packing to a minimum of its energy by FIRE (Bitzek et al. 2006 PRL 97 170201) with semi-implicit
 /// Euler steps and the half step back of FIRE 2.0 (Guenole et al. 2020 Comput. Mater. Sci. 175 109584):
-/// motion without damping whose velocity is steered towards the force and stopped where it goes uphill. The
-/// largest step follows the stiffest particle, so there is nothing to tune for size, stiffness or pressure.
+/// motion without damping whose velocity is steered towards the force and stopped where it goes uphill.
+/// Masses follow the stiffness each particle meets (SoftSpheres::weigh) and the largest step the highest
+/// frequency, so there is nothing to tune for size, stiffness or pressure.
 /// @param observer called every `observe_every` iterations; may throw to stop
 Minimum minimise(SoftSpheres& spheres, const MinimiseLimits& limits,
                  const std::function<void(std::int64_t iteration, const ContactSums&)>& observer = {},

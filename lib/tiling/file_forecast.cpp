@@ -30,11 +30,13 @@ std::uint64_t masks_of(const TrimCounts& c) {
     return 1 + (c.fixed_count > 0 ? 1 : 0) + (c.release_count > 0 ? 1 : 0);
 }
 
-/// Chunks that wait for more and what HDF5 keeps of each mask, one under way, the table's widest column.
+/// While tiles come: chunks of masks that wait for more, and what HDF5 keeps of each mask. After them: a
+/// column of the table as it is written, the widest.
 std::uint64_t tiled_buffers(const TrimCounts& c, std::size_t box_size) {
-    const std::uint64_t widest = (c.tiles_full + c.tiles_cut) * 12;
     const std::uint64_t chunk = std::min(c.tiles_cut * mask_bytes(box_size), tiled_chunk);
-    return tiled_fixed + 2 * masks_of(c) * chunk + 23 * std::min(widest, explicit_chunk) / 10;
+    const std::uint64_t widest = (c.tiles_full + c.tiles_cut) * 3 * sizeof(std::int32_t);
+    return tiled_fixed +
+           std::max(23 * masks_of(c) * chunk / 10, widest + 23 * std::min(widest, explicit_chunk) / 10);
 }
 
 /// The most of: each part of the model in memory with the chunks that wait for more, before and after, and
@@ -90,8 +92,7 @@ FileForecast forecast_file(const TrimForecast& f, std::optional<ContactsWanted> 
         const io::TiledFileSize size = io::tiled_file_size(f.sample, provenance, config);
         result.bytes = size.others + scaled(size.masks, all.tiles_cut, some.tiles_cut) +
                        (f.table.empty() ? size.table : io::tile_table_size(f.table, f.sample));
-        result.memory = tiles * (sizeof(TiledModel::Tile) + 3 * sizeof(std::int32_t)) +
-                        tiled_buffers(all, f.sample.boxes.front().size());
+        result.memory = tiles * sizeof(TiledModel::Tile) + tiled_buffers(all, f.sample.boxes.front().size());
         return result;
     }
     // Some tiles of the sample, or all: contacts across seams that the sample lacks change nothing in how a

@@ -49,8 +49,7 @@ void scan(const SortedPoints::Columns& p, std::span<const SortedPoints::Range> r
 }
 
 /// The same where all move on with their velocities and the centre with `velocity`, for those that are so
-/// near at some time between -time and time. At what time two are nearest is found roughly: the distance
-/// hardly changes around it.
+/// near at some time between -time and time.
 void scan_ways(const SortedPoints::Columns& p, std::span<const SortedPoints::Range> ranges,
                const std::array<float, 3>& centre, const std::array<float, 3>& velocity, float time,
                float near, Column<std::uint32_t>& out) {
@@ -70,7 +69,7 @@ void scan_ways(const SortedPoints::Columns& p, std::span<const SortedPoints::Ran
             const auto along = hn::MulAdd(dx, vx, hn::MulAdd(dy, vy, hn::Mul(dz, vz)));
             const auto speed2 = hn::MulAdd(vx, vx, hn::MulAdd(vy, vy, hn::MulAdd(vz, vz, tiny)));
             const auto when =
-                hn::Min(late, hn::Max(early, hn::Neg(hn::Mul(along, hn::ApproximateReciprocal(speed2)))));
+                hn::Min(late, hn::Max(early, hn::Neg(hn::Div(along, speed2)))); // rcpps misses long ways
             const auto ex = hn::MulAdd(when, vx, dx), ey = hn::MulAdd(when, vy, dy),
                        ez = hn::MulAdd(when, vz, dz);
             const auto reach = hn::Add(hn::LoadU(d, p.extent + k), base);

@@ -17,20 +17,19 @@ namespace {
 
 constexpr auto compressed = hdf::Filter::compressed;
 constexpr auto checksum = hdf::Filter::checksum;
-constexpr auto chunk_bytes = StreamedColumn<double>::default_chunk_bytes;
 
 } // namespace
 
 ExplicitColumns::ExplicitColumns(const hdf::File& to, const ExplicitFrame& frame, ThreadTeam& team)
     : frame_(frame), root_(to.root()), particles_(root_.create_group("particles/all")), press_(team),
-      position_(particles_, "position", "m", checksum, 3, chunk_bytes, &press_),
-      radius_(particles_, "radius", "m", compressed, 1, chunk_bytes, &press_),
-      species_(particles_, "species", "", compressed, 1, chunk_bytes, &press_),
-      release_(particles_, "release", "", compressed, 1, chunk_bytes, &press_),
-      material_(particles_, "material", "", compressed, 1, chunk_bytes, &press_),
-      pair_(root_, "connectivity/contacts", "", compressed, 2, chunk_bytes, &press_),
-      image_(root_, "granular/contacts/image", "", compressed, 3, chunk_bytes, &press_),
-      overlap_(root_, "granular/contacts/normal_overlap", "m", checksum, 1, chunk_bytes, &press_) {
+      position_(particles_, "position", "m", checksum, 3, &press_),
+      radius_(particles_, "radius", "m", compressed, 1, &press_),
+      species_(particles_, "species", "", compressed, 1, &press_),
+      release_(particles_, "release", "", compressed, 1, &press_),
+      material_(particles_, "material", "", compressed, 1, &press_),
+      pair_(root_, "connectivity/contacts", "", compressed, 2, &press_),
+      image_(root_, "granular/contacts/image", "", compressed, 3, &press_),
+      overlap_(root_, "granular/contacts/normal_overlap", "m", checksum, 1, &press_) {
     if (!is_finite(frame.origin))
         to.context().fail("/particles/all/position", "the origin is not finite; give three numbers in m");
     if (frame.box)

@@ -23,8 +23,8 @@ public:
 
     /// @param chunk_bytes bytes of a chunk, about
     StreamedColumn(const hdf::Group& group, std::string name, std::string unit, hdf::Filter filter,
-                   std::size_t width = 1, std::size_t chunk_bytes = default_chunk_bytes,
-                   hdf::ChunkPress* press = nullptr)
+                   std::size_t width = 1, hdf::ChunkPress* press = nullptr,
+                   std::size_t chunk_bytes = default_chunk_bytes)
         : group_(&group), name_(std::move(name)), unit_(std::move(unit)), filter_(filter), width_(width),
           chunk_rows_(rows_of_chunk(width, chunk_bytes)), press_(press) {}
 

@@ -87,7 +87,7 @@ void write_table(const hdf::Group& group, const std::deque<TiledModel::Tile>& ti
 }
 
 MaskColumn::MaskColumn(const hdf::Group& group, const std::string& name)
-    : column_(group, name, "", compressed, 1, chunk) {}
+    : column_(group, name, "", compressed, 1, nullptr, chunk) {}
 
 void MaskColumn::append(std::span<const std::uint8_t> bytes, std::size_t count) {
     if (waiting_.empty()) {

@@ -71,6 +71,17 @@ std::vector<T> values_of(const CheckpointReader& checkpoint, const char* name) {
     return std::move(*values);
 }
 
+/// Bytes up to the last that is in the file alone, or tells whose file it is.
+std::uint64_t length_of_lasting(const TrajectoryImage& image) {
+    std::uint64_t end = 0, needed = 0;
+    for (const Extent& range : image.ranges) {
+        if (range.offset > end)
+            needed = range.offset + sample;
+        end = range.offset + range.size;
+    }
+    return image.length > end ? image.length : needed;
+}
+
 bool consistent(const TrajectoryImage& image) {
     std::uint64_t end = 0, size = 0;
     for (const Extent& range : image.ranges) {
@@ -145,8 +156,9 @@ void restore(const AtomicFile& file, const TrajectoryImage& image) {
             ExitCode::input_invalid,
             fmt::format("{}: the checkpoint's image of it contradicts itself; start anew from the model",
                         file.partial()));
-    const std::uint64_t length = file.length();
-    if (length < image.length)
+    // HDF5 cuts off room that it took and did not use when it closes the file: only what lasts must be there.
+    const std::uint64_t length = file.length(), needed = length_of_lasting(image);
+    if (length < needed)
         refuse(file, fmt::format("has {} bytes, at the checkpoint it had {}", length, image.length));
     const std::uint8_t* from = image.bytes.data();
     std::uint64_t end = 0;

@@ -28,6 +28,7 @@ SoftSpheres::SoftSpheres(std::span<const Vec3> position, std::span<const double>
                          std::size_t mobile)
     : team_(team), mobile_(std::min(mobile, position.size())), spheres_(position.size()),
       force_(position.size()), velocity_(position.size()), built_at_(position.size()),
+      stiffness_(position.size()), inverse_mass_(position.size(), 1.0),
       block_sums_((mobile_ + block - 1) / block), block_value_(block_sums_.size()),
       lists_(static_cast<std::size_t>(team.size())), list_end_(mobile_) {
     double sum = 0, smallest = std::numeric_limits<double>::infinity();
@@ -185,12 +186,13 @@ ContactSums SoftSpheres::compute_forces() {
             s.force += p.force;
             s.virial += p.virial;
             s.overlap += p.overlap;
-            s.stiffness = std::max(s.stiffness, p.stiffness);
+            stiffness_[i] = p.stiffness;
+            s.stiffness = std::max(s.stiffness, p.stiffness * inverse_mass_[i]);
             const double f2 = norm2(net);
-            s.net_force2 += f2;
+            s.net_force2 += f2 * inverse_mass_[i];
             s.net_force += std::sqrt(f2);
             s.power += dot(net, velocity_[i]);
-            s.velocity2 += norm2(velocity_[i]);
+            s.velocity2 += norm2(velocity_[i]) / inverse_mass_[i];
         }
         s.contacts = static_cast<std::size_t>(contacts);
         block_sums_[begin / block] = s;
@@ -219,11 +221,25 @@ void SoftSpheres::stop() {
     std::fill(velocity_.begin(), velocity_.end(), Vec3{});
 }
 
+void SoftSpheres::weigh(double least) {
+    double sum = 0;
+    std::size_t held = 0;
+    for (std::size_t i = 0; i < mobile_; ++i) {
+        sum += stiffness_[i];
+        held += stiffness_[i] > 0 ? 1 : 0;
+    }
+    if (held == 0)
+        return;
+    const double mean = sum / static_cast<double>(held);
+    for (std::size_t i = 0; i < mobile_; ++i)
+        inverse_mass_[i] = mean / std::max(stiffness_[i], least * mean);
+}
+
 void SoftSpheres::advance(double dt, double keep, double steer) {
     for_blocks([=, this](std::size_t begin, std::size_t end, const std::uint32_t*, std::size_t) {
         double moved2 = 0;
         for (std::size_t i = begin; i < end; ++i) {
-            const Vec3 f = force_[i];
+            const Vec3 f = force_[i] * inverse_mass_[i];
             // A grain without contacts rests: left to fly in its cage it would knock on the others for ever.
             const Vec3 v = f == Vec3{} ? f : (velocity_[i] + f * dt) * keep + f * steer;
             velocity_[i] = v;

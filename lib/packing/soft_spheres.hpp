@@ -18,9 +18,9 @@ struct ContactSums {
     double virial = 0;        ///< sum of force times centre distance over pairs; pressure = virial / 3
     double overlap = 0;       ///< sum of overlaps over pairs
     double net_force = 0;     ///< sum over particles of the net force's magnitude
-    double net_force2 = 0;    ///< sum over particles of the net force squared
-    double stiffness = 0;     ///< largest sum of contact stiffnesses on one particle
-    double velocity2 = 0;     ///< sum over particles of velocity squared
+    double net_force2 = 0;    ///< sum over particles of the net force squared, over the mass
+    double stiffness = 0;     ///< largest sum of contact stiffnesses on one particle, over its mass
+    double velocity2 = 0;     ///< sum over particles of velocity squared times mass
     double power = 0;         ///< sum over particles of net force . velocity
 
     std::size_t held = 0; ///< particles with a contact
@@ -71,7 +71,11 @@ public:
     /// Net forces at the present positions; the list is rebuilt where it no longer holds.
     ContactSums compute_forces();
 
-    /// v <- keep (v + dt F) + steer F,  x <- x + dt v;  a particle without contacts rests.
+    /// Masses (1 at first) in proportion to the stiffness that each particle met in the last pass, at least
+    /// `least` of the mean: all then vibrate at much the same frequency, and the step need not follow the
+    /// stiffest.
+    void weigh(double least);
+    /// v <- keep (v + dt F/m) + steer F/m,  x <- x + dt v;  a particle without contacts rests.
     void advance(double dt, double keep, double steer);
     /// Half a step back along the velocity, then rest.
     void step_back_and_stop(double dt);
@@ -92,6 +96,7 @@ private:
     std::size_t mobile_;
     std::vector<Sphere> spheres_;
     std::vector<Vec3> force_, velocity_, built_at_;
+    std::vector<double> stiffness_, inverse_mass_;
     std::vector<ContactSums> block_sums_;
     std::vector<double> block_value_;
     std::vector<std::vector<std::uint32_t>> lists_; ///< one per thread, for its range of particles

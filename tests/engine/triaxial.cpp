@@ -420,19 +420,26 @@ TEST(Triaxial, NothingBondsToTheMembraneNorTouchesItFromWithin) {
     EXPECT_GT(on_membrane, (test.grains.size() - first) / 2);
 }
 
+/// Some ten grains across: the first few to touch a platen decide, over 16 boxes the peak is 3 to 13 kPa.
 TEST(Triaxial, WithoutConfiningStressBondsHoldTheSpecimen) {
-    TestRun test(bonded_scene(0, 0.02));
-    ASSERT_EQ(test.scene.stages.size(), 1u);
-    ASSERT_EQ(test.run(), RunEnd::done);
-    double largest = 0, sideways = 0;
-    for (const Watcher::Row& row : test.watcher.rows) {
-        largest = std::max(largest, row.m.axial_stress);
-        sideways = std::max(sideways, std::abs(row.m.confining_stress));
-        EXPECT_EQ(row.m.confining_stress_target, 0);
-    }
-    EXPECT_GT(largest, 5e3);
-    EXPECT_LT(sideways, 0.1 * largest); // the sheet's own, as it is stretched
-    EXPECT_EQ(test.simulation->outside_membrane(), std::nullopt);
+    const auto largest_axial_stress = [](const Scene& scene) {
+        TestRun test(scene);
+        EXPECT_EQ(test.scene.stages.size(), 1u);
+        EXPECT_EQ(test.run(), RunEnd::done);
+        double largest = 0, sideways = 0;
+        for (const Watcher::Row& row : test.watcher.rows) {
+            largest = std::max(largest, row.m.axial_stress);
+            sideways = std::max(sideways, std::abs(row.m.confining_stress));
+            EXPECT_EQ(row.m.confining_stress_target, 0);
+        }
+        EXPECT_EQ(test.simulation->outside_membrane(), std::nullopt);
+        return std::array{largest, sideways};
+    };
+    const auto [bonded, sideways] = largest_axial_stress(bonded_scene(0, 0.02));
+    const auto [loose, loose_sideways] = largest_axial_stress(test_scene(0, 0.02));
+    EXPECT_GT(bonded, 1.5e3);
+    EXPECT_LT(sideways, 0.1 * bonded); // the sheet's own, as it is stretched
+    EXPECT_LT(std::max(loose, loose_sideways), 0.1 * bonded);
 }
 
 TEST(Triaxial, MixedPrecisionGivesTheCurve) {

@@ -124,6 +124,32 @@ TEST(SoftSpheres, ListStaysCompleteWhileGrainsMoveAndGrow) {
     EXPECT_LT(spheres.list_rebuilds(), 150u);
 }
 
+/// Motion without steering keeps the energy, whatever the masses; those that follow the stiffness let the
+/// step grow.
+TEST(SoftSpheres, MassesKeepTheEnergyOfMotion) {
+    const Start start = random_start(600, 0.0665, 1, 5);
+    ThreadTeam team(1);
+    double stiffness = 0;
+    for (const bool weigh : {false, true}) {
+        SoftSpheres spheres(start.position, start.radius, team);
+        ContactSums sums = spheres.compute_forces();
+        if (weigh) {
+            spheres.weigh(0.5);
+            sums = spheres.compute_forces();
+            EXPECT_LT(sums.stiffness, 0.6 * stiffness);
+        }
+        stiffness = sums.stiffness;
+        const double before = brute_force(start).energy, dt = 0.01 / std::sqrt(2 * sums.stiffness);
+        for (int step = 0; step < 300; ++step) {
+            spheres.advance(dt, 1, 0);
+            sums = spheres.compute_forces();
+        }
+        EXPECT_GT(sums.velocity2 / 2, 0.2 * before);
+        EXPECT_NEAR(brute_force({spheres.positions(), start.radius}).energy + sums.velocity2 / 2, before,
+                    0.01 * before);
+    }
+}
+
 TEST(SoftSpheres, RefusesGrainsThatTouchThroughTwoImages) {
     ThreadTeam team(1);
     const std::vector<Vec3> p(2);
@@ -149,11 +175,13 @@ TEST(Minimise, TwoGrainsPartUntilTheyNoLongerTouch) {
 TEST(Minimise, BalanceIsReachedAndHasTheSameBitsOnAnyTeam) {
     const Start start = random_start(600, 0.0665, 1, 5); // solid fraction 0.74: far above jamming
     std::vector<std::vector<Vec3>> ends;
-    for (int threads : {1, 2, 3}) {
+    for (const auto& [threads, weigh] :
+         {std::pair{1, false}, {2, false}, {3, false}, {1, true}, {2, true}, {3, true}}) {
         ThreadTeam team(threads, 0);
         SoftSpheres spheres(start.position, start.radius, team);
         MinimiseLimits limits;
         limits.unbalanced_force = 1e-8;
+        limits.weigh = weigh;
         const Minimum minimum = minimise(spheres, limits);
         EXPECT_TRUE(minimum.converged && minimum.jammed);
         const BruteForce check = brute_force({spheres.positions(), start.radius});
@@ -167,6 +195,9 @@ TEST(Minimise, BalanceIsReachedAndHasTheSameBitsOnAnyTeam) {
     }
     EXPECT_EQ(ends[0], ends[1]);
     EXPECT_EQ(ends[0], ends[2]);
+    EXPECT_NE(ends[0], ends[3]);
+    EXPECT_EQ(ends[3], ends[4]);
+    EXPECT_EQ(ends[3], ends[5]);
 }
 
 } // namespace

@@ -460,7 +460,9 @@ class Pictures(ScriptTest):
         ground = tiled.origin[2] + tops["grains"]
         pre = 100 + 20 * (1 - 1.25 * x / 40 + 0.25 * (x / 40)**2)
         self.assertLess(np.abs(ground - pre).max(), 0.8, "the uppermost grains lie at the ground's surface")
-        self.assertLess(np.abs(tops["columns"] - tops["grains"]).max(), 0.5)
+        columns_off = np.abs(tops["columns"] - tops["grains"])
+        self.assertLess(np.quantile(columns_off, 0.99), 0.5, "a diameter; which grain a column shows is up to the box")
+        self.assertLess(columns_off.max(), 0.75)
         self.assertLess(np.abs(tops["tiles"] - tops["grains"]).mean(), 0.6)
         for pixel, level in ((0.1, "grains"), (0.4, "columns"), (5, "tiles")):
             self.assertEqual(tiled.surface(pixel)[0], level)

@@ -60,6 +60,10 @@ std::string xdmf_points(const std::string& hdf5_file, const std::string& name,
         xml +=
             fmt::format("    <Grid Name=\"{}\" GridType=\"Collection\" CollectionType=\"Temporal\">\n", name);
     for (std::size_t frame = 0; frame < (series ? times.size() : 1); ++frame) {
+        // Where a stage ends and the next begins there is a frame of each: ParaView takes two of one time for
+        // blocks of one picture and shows neither.
+        if (frame + 1 < times.size() && times[frame + 1] == times[frame])
+            continue;
         xml += fmt::format("{}<Grid Name=\"{}\" GridType=\"Uniform\">\n", in, name);
         if (series)
             xml += fmt::format("{}  <Time Value=\"{}\"/>\n", in, times[frame]);

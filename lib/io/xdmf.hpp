@@ -19,7 +19,7 @@ struct XdmfArray {
 
 /// Points with attributes for ParaView's XDMF readers, as references into `hdf5_file` (a path; its last part
 /// is written, since the sidecar lies in the same folder). The first array gives the points. With `times` (s)
-/// it is a series of as many grids.
+/// it is a series of as many grids; of frames with the same time, the last.
 std::string xdmf_points(const std::string& hdf5_file, const std::string& name,
                         const std::vector<XdmfArray>& arrays, const std::vector<double>& times = {});
 

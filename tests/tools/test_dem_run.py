@@ -114,6 +114,9 @@ class Trajectories(Scenes):
             self.assertLessEqual(file["granular/series/unbalanced_force"][at], 0.01)
             speed = file["granular/series/max_speed"][:at + 1]
             self.assertLess(speed[-1], 0.1 * speed.max())
+            times = file["particles/all/position/time"][:].tolist()
+        self.assertEqual(times.count(time_[at]), 2, "the frame that ends a stage, and the one that begins the next")
+        self.assertEqual(check_xdmf(self, self.folder / "run.xdmf")[1], sorted(set(times)), "ParaView shows neither of two")
 
     def test_release_breaks_bonds(self):
         """Grains labelled as released lose their bonds with the rest, and only those."""

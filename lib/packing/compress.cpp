@@ -125,7 +125,7 @@ Minimum Press::relax_at(double fraction, double unbalanced_force, double work_be
     fraction_ = fraction;
     MinimiseLimits limits;
     limits.unbalanced_force = unbalanced_force;
-    limits.weigh = true;
+    limits.weigh = !small_enough_to_wait(static_cast<std::int64_t>(spheres_->size()));
     limits.iterations = std::clamp<std::int64_t>(settings_.iterations - iterations_, 0, longest_relaxation);
     const auto note = [&](std::int64_t iteration, const ContactSums& sums) {
         const CompressState state = state_of(iterations_ + iteration, sums);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "base/error.hpp"
+#include "base/memory.hpp"
 #include "base/simd_target.hpp"
 #include "cli/progress.hpp"
 #include "cli/signals.hpp"
@@ -27,7 +28,6 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <sys/resource.h>
 #include <thread>
 
 using namespace talus;
@@ -136,9 +136,7 @@ auto named(const std::string& input, Make make) {
 
 /// Of all ranks together, bytes.
 double peak_memory(const parallel::Communicator& world) {
-    rusage usage{};
-    getrusage(RUSAGE_SELF, &usage);
-    return static_cast<double>(world.sum(static_cast<std::uint64_t>(usage.ru_maxrss)) * 1024);
+    return static_cast<double>(world.sum(talus::peak_memory()));
 }
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
@@ -252,6 +250,7 @@ void remove_checkpoints(const std::string& path) {
 } // namespace
 
 int main(int argc, char** argv) {
+    give_back_large_blocks(1 << 22);
     const parallel::Communicator world = parallel::Communicator::world();
     const bool first_rank = world.rank() == 0;
     if (!first_rank && std::freopen("/dev/null", "w", stdout) == nullptr) // one result is enough

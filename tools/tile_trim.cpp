@@ -287,7 +287,7 @@ void fill_strata(cli::Tool& tool, const Options& options, RegionSettings& region
 } // namespace
 
 int main(int argc, char** argv) {
-    give_back_large_blocks();
+    give_back_large_blocks(1 << 18);
     cli::Tool tool({.name = "tile-trim",
                     .summary = "Fills a region with copies of a periodic granular box",
                     .version = TALUS_VERSION,

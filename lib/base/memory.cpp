@@ -23,9 +23,9 @@ std::uint64_t peak_memory() {
     return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
 }
 
-void give_back_large_blocks() {
+void give_back_large_blocks([[maybe_unused]] int bytes) {
 #ifdef __GLIBC__
-    ::mallopt(M_MMAP_THRESHOLD, 1 << 18);
+    ::mallopt(M_MMAP_THRESHOLD, bytes);
 #endif
 }
 

@@ -221,6 +221,10 @@ public:
     std::vector<BondBreak> take_breaks();
 
     SavedState save() const;
+    /// The two halves of a saved state: what belongs to particles, with the step; and contacts with all the
+    /// rest.
+    void save_particles(SavedState& state) const;
+    void save_contacts(SavedState& state) const;
     void restore(const SavedState& state);
     /// Gives contacts the tangential displacements that they have in a packing. Rows with neither a contact
     /// here are refused as in restore(); contacts without a row start from zero.
@@ -364,6 +368,8 @@ private:
     void count_sleeper(std::size_t row, int sign);
     bool is_asleep(std::size_t row) const;
     Vec3 stored_position(const SleepStore::Particle& particle) const;
+    std::array<std::int8_t, 3> lengths_outside(std::uint32_t row) const;
+    void save_pairs(SavedState& state) const;
     void save_sleep(SavedState& state) const;
     void restore_sleep(const SavedState& state);
 

@@ -123,11 +123,33 @@ std::vector<Vec3> Simulation::positions() const {
     return x;
 }
 
+/// Box lengths to take off a known row's owner to bring it inside.
+std::array<std::int8_t, 3> Simulation::lengths_outside(std::uint32_t row) const {
+    const Box& box = images_.box();
+    std::array<std::int8_t, 3> lengths{};
+    for (int k = 0; k < 3; ++k) {
+        const auto d = static_cast<std::size_t>(k);
+        if (!box.periodic[d])
+            continue;
+        const double edge = box.upper[k] - box.lower[k],
+                     x = particles_.bodies[row].position.vec()[k] - particles_.shift(row)[d] * edge;
+        lengths[d] = static_cast<std::int8_t>(std::floor((x - box.lower[k]) / edge));
+    }
+    return lengths;
+}
+
 SavedState Simulation::save() const {
+    SavedState s;
+    save_particles(s);
+    save_contacts(s);
+    return s;
+}
+
+void Simulation::save_particles(SavedState& s) const {
     evaluated();
     const ParticleColumns& p = particles_;
+    const Box& box = images_.box();
     const std::size_t n = block_size();
-    SavedState s;
     s.step = step_;
     s.position.resize(n);
     s.half_velocity.resize(n);
@@ -137,20 +159,6 @@ SavedState Simulation::save() const {
     s.damping_load.resize(n);
     s.half_kick.resize(n);
     s.image.resize(n);
-    // Box lengths to take off a known row's owner to bring it inside.
-    const Box& box = images_.box();
-    const auto wraps = [&](std::uint32_t row) {
-        std::array<std::int8_t, 3> lengths{};
-        for (int k = 0; k < 3; ++k) {
-            const auto d = static_cast<std::size_t>(k);
-            if (!box.periodic[d])
-                continue;
-            const double edge = box.upper[k] - box.lower[k],
-                         x = p.bodies[row].position.vec()[k] - p.shift(row)[d] * edge;
-            lengths[d] = static_cast<std::int8_t>(std::floor((x - box.lower[k]) / edge));
-        }
-        return lengths;
-    };
     send_home(
         [&](std::size_t row) {
             ParticleRow r{p.id[row],
@@ -162,7 +170,7 @@ SavedState Simulation::save() const {
                           net_.damping_load[row],
                           p.bodies[row].half_kick,
                           p.image[row]};
-            const auto lengths = wraps(static_cast<std::uint32_t>(row));
+            const auto lengths = lengths_outside(static_cast<std::uint32_t>(row));
             for (int k = 0; k < 3; ++k)
                 if (const int whole = lengths[static_cast<std::size_t>(k)]; whole != 0) {
                     r.position[k] -= whole * (box.upper[k] - box.lower[k]);
@@ -182,37 +190,82 @@ SavedState Simulation::save() const {
             s.image[k] = r.image;
         });
 
-    std::vector<std::vector<PairRow>> pairs_to(static_cast<std::size_t>(world_.size()));
-    if (sleep_) {
+    if (sleep_)
         sleep_->store.for_particles([&](const SleepStore::Particle& particle) {
             s.position[particle.id] = particle.position.vec();
             s.image[particle.id] = particle.image;
         });
-        sleep_->store.for_pairs([&](const SleepStore::Pair& pair) {
-            pairs_to[0].push_back({pair.i, pair.j, pair.shift, pair.history});
-        });
-    }
+}
+
+/// The contacts of which this rank's block has the first particle, in order. An eighth of each block at a
+/// time: the records of all would take as much memory as all columns of the checkpoint.
+void Simulation::save_pairs(SavedState& s) const {
+    constexpr std::size_t shares = 8;
+    const ParticleColumns& p = particles_;
     const search::CandidateList::Live is_live = live();
-    for (std::size_t k = 0; k < list_.size(); ++k) {
-        if (!is_live(k) || (pairs_.state[k] & counted_elsewhere))
-            continue;
-        const search::Candidate c = list_.candidates()[k];
-        const auto wraps_i = wraps(p.owner(c.i)), wraps_j = wraps(p.owner(c.j));
-        auto shift = p.shift(c.j);
-        for (std::size_t d = 0; d < 3; ++d)
-            shift[d] = static_cast<std::int8_t>(shift[d] - p.shift(c.i)[d] + wraps_j[d] - wraps_i[d]);
-        pairs_to[home_of(p.id[c.i])].push_back({p.id[c.i], p.id[c.j], shift, pairs_.load(k)});
+    const auto share_of = [&](std::uint64_t id, std::size_t home) {
+        const std::uint64_t first = block_start_[home], count = block_start_[home + 1] - first;
+        return (id - first) * shares / count;
+    };
+    // Each of mine that counts: visit(home, share, make the record)
+    const auto for_mine = [&](auto&& visit) {
+        if (sleep_)
+            sleep_->store.for_pairs([&](const SleepStore::Pair& pair) {
+                visit(std::size_t{0}, share_of(pair.i, 0), [&] {
+                    return PairRow{pair.i, pair.j, pair.shift, pair.history};
+                });
+            });
+        for (std::size_t k = 0; k < list_.size(); ++k) {
+            if (!is_live(k) || (pairs_.state[k] & counted_elsewhere))
+                continue;
+            const search::Candidate c = list_.candidates()[k];
+            const std::uint64_t id = p.id[c.i];
+            const std::size_t home = home_of(id);
+            visit(home, share_of(id, home), [&] {
+                const auto wraps_i = lengths_outside(p.owner(c.i)), wraps_j = lengths_outside(p.owner(c.j));
+                auto shift = p.shift(c.j);
+                for (std::size_t d = 0; d < 3; ++d)
+                    shift[d] = static_cast<std::int8_t>(shift[d] - p.shift(c.i)[d] + wraps_j[d] - wraps_i[d]);
+                return PairRow{id, p.id[c.j], shift, pairs_.load(k)};
+            });
+        }
+    };
+    std::vector<std::array<std::size_t, shares>> counts(static_cast<std::size_t>(world_.size()));
+    std::size_t mine = 0; // on several ranks: about as many as it will get
+    for_mine([&](std::size_t home, std::size_t share, auto&&) {
+        ++counts[home][share];
+        ++mine;
+    });
+    s.contact_pair.reserve(mine);
+    s.contact_image.reserve(mine);
+    s.contact_displacement.reserve(mine);
+    s.contact_offset.reserve(mine);
+    s.contact_state.reserve(mine);
+    for (std::size_t share = 0; share < shares; ++share) {
+        std::vector<std::vector<PairRow>> to(counts.size());
+        for (std::size_t home = 0; home < to.size(); ++home)
+            to[home].reserve(counts[home][share]);
+        for_mine([&](std::size_t home, std::size_t in, auto&& record) {
+            if (in == share)
+                to[home].push_back(record());
+        });
+        std::vector<PairRow> pairs = world_.alone() ? std::move(to[0]) : world_.exchange(to);
+        std::sort(pairs.begin(), pairs.end());
+        for (const PairRow& pair : pairs) {
+            s.contact_pair.push_back({pair.i, pair.j});
+            s.contact_image.push_back(pair.shift);
+            s.contact_displacement.push_back(pair.history.tangential_displacement);
+            s.contact_offset.push_back(pair.history.offset);
+            // That a bond broke is forgotten with the pair's next list: it does not matter to the law.
+            s.contact_state.push_back(pair.history.state & (contact::contact_active | contact::bond_intact));
+        }
     }
-    std::vector<PairRow> pairs = world_.exchange(pairs_to);
-    std::sort(pairs.begin(), pairs.end());
-    for (const PairRow& pair : pairs) {
-        s.contact_pair.push_back({pair.i, pair.j});
-        s.contact_image.push_back(pair.shift);
-        s.contact_displacement.push_back(pair.history.tangential_displacement);
-        s.contact_offset.push_back(pair.history.offset);
-        // That a bond broke is forgotten with the pair's next list: it does not matter to the law.
-        s.contact_state.push_back(pair.history.state & (contact::contact_active | contact::bond_intact));
-    }
+}
+
+void Simulation::save_contacts(SavedState& s) const {
+    evaluated();
+    save_pairs(s);
+    const ParticleColumns& p = particles_;
     std::vector<std::vector<WallRow>> walls_to(static_cast<std::size_t>(world_.size()));
     for (const WallContacts::Entry& e : walls_.entries())
         if (e.history.state != 0 || e.history.offset != 0)
@@ -249,7 +302,6 @@ SavedState Simulation::save() const {
         for (const double value : triaxial_->state())
             s.scalars.push_back(value);
     s.scalars.insert(s.scalars.end(), onsets_.begin(), onsets_.end());
-    return s;
 }
 
 void Simulation::restore(const SavedState& s) {
@@ -373,6 +425,8 @@ Simulation::Carried Simulation::restored_contacts(const SavedState& s) const {
     const auto ranks = static_cast<std::size_t>(world_.size());
     const std::vector<int> owner = owners_of_block();
     std::vector<std::vector<PairRow>> to_home(ranks), to_owner(ranks);
+    if (world_.alone())
+        to_home[0].reserve(s.contact_pair.size());
     for (std::size_t c = 0; c < s.contact_pair.size(); ++c) {
         const auto [i, j] = s.contact_pair[c];
         if (i >= size() || j >= size())
@@ -384,18 +438,24 @@ Simulation::Carried Simulation::restored_contacts(const SavedState& s) const {
         if (home_j != home_i)
             to_home[home_j].push_back(pair);
     }
-    for (const PairRow& pair : world_.exchange(to_home)) {
-        int sent = -1;
-        for (const std::uint64_t id : {pair.i, pair.j})
-            if (home_of(id) == rank() && owner[id - first_id()] != sent) {
-                sent = owner[id - first_id()];
-                to_owner[static_cast<std::size_t>(sent)].push_back(pair);
-            }
+    std::vector<PairRow> pairs;
+    if (world_.alone()) {
+        pairs = std::move(to_home[0]);
+    } else {
+        for (const PairRow& pair : world_.exchange(to_home)) {
+            int sent = -1;
+            for (const std::uint64_t id : {pair.i, pair.j})
+                if (home_of(id) == rank() && owner[id - first_id()] != sent) {
+                    sent = owner[id - first_id()];
+                    to_owner[static_cast<std::size_t>(sent)].push_back(pair);
+                }
+        }
+        pairs = world_.exchange(to_owner);
     }
-    std::vector<PairRow> pairs = world_.exchange(to_owner);
     std::sort(pairs.begin(), pairs.end());
     Carried carried;
     carried.restored = true;
+    carried.pairs.reserve(pairs.size());
     for (const PairRow& pair : pairs) { // one that came from both homes is taken once
         const search::KeyedPair key{pair.i, pair.j, {pair.shift[0], pair.shift[1], pair.shift[2]}, false};
         if (carried.pairs.empty() ||

@@ -99,15 +99,28 @@ void write_checkpoint(const std::string& path, const CheckpointFile& file, const
                                {together, output ? &*output : nullptr});
     {
         const hdf::Group group = to.root().create_group("granular/checkpoint");
-        all_or_none(together, [&] {
-            for (const Column& column : file.columns)
-                check_column(group, column);
-        });
         group.set(file.attributes);
         std::vector<std::string> names;
-        for (const Column& column : file.columns) {
+        const auto write = [&](const Column& column) {
             write_column(group, column);
             names.push_back(column.name);
+        };
+        const auto check = [&](const std::vector<Column>& columns) {
+            all_or_none(together, [&] {
+                for (const Column& column : columns)
+                    check_column(group, column);
+            });
+        };
+        check(file.columns);
+        std::for_each(file.columns.begin(), file.columns.end(), write);
+        for (const auto& make : file.later) {
+            std::vector<Column> columns;
+            all_or_none(together, [&] { columns = make(); });
+            check(columns);
+            for (Column& column : columns) {
+                write(column);
+                column.data = {};
+            }
         }
         to.root().group("granular").write_texts("checkpoint_columns", names);
     }

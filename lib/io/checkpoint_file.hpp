@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <variant>
@@ -32,6 +33,9 @@ struct Column {
 /// keeps the order of the columns and every bit of their values (NaN included).
 struct CheckpointFile {
     std::vector<Column> columns;
+    /// Written behind `columns`: groups of columns that are made, one group after the other, when their turn
+    /// has come, so that not all are in memory together. Collective like write_checkpoint.
+    std::vector<std::function<std::vector<Column>()>> later;
     Attributes attributes; ///< counters, time, step ...
     std::string config;    ///< effective configuration, JSON
     Provenance provenance;

@@ -211,6 +211,31 @@ TEST_F(RoundTrip, checkpoint) {
     expect_error(ExitCode::input_invalid, {"id", "type"}, [&] { back.get<double>("id"); });
 }
 
+/// Columns made when their turn has come lie behind the others; a mistake in them leaves the checkpoint of
+/// before.
+TEST_F(RoundTrip, checkpoint_of_columns_made_later) {
+    CheckpointFile file = sample_checkpoint();
+    const std::vector<Column> group = {{"later/a", std::vector<double>{1, 2, 3, 4}, 2, "m"},
+                                       {"later/b", std::vector<std::uint8_t>{5}, 1, ""}};
+    int made = 0;
+    file.later = {[&] { return ++made, group; },
+                  [] {
+                      return std::vector<Column>{{"last", std::vector<float>{6}, 1, ""}};
+                  }};
+    write_checkpoint(path("a.ckpt.h5"), file);
+    EXPECT_EQ(made, 1);
+    std::vector<Column> all = file.columns;
+    all.insert(all.end(), group.begin(), group.end());
+    all.push_back({"last", std::vector<float>{6}, 1, ""});
+    EXPECT_EQ(read_checkpoint(path("a.ckpt.h5")).columns, all);
+    file.later = {[] { return std::vector<Column>{{"odd", std::vector<double>{1, 2, 3}, 2, ""}}; }};
+    expect_error(ExitCode::run_failed, {"odd", "3 values"},
+                 [&] { write_checkpoint(path("a.ckpt.h5"), file); });
+    file.later = {[]() -> std::vector<Column> { throw Error(ExitCode::run_failed, "no room"); }};
+    expect_error(ExitCode::run_failed, {"no room"}, [&] { write_checkpoint(path("a.ckpt.h5"), file); });
+    EXPECT_EQ(read_checkpoint(path("a.ckpt.h5")).columns, all);
+}
+
 TEST_F(RoundTrip, checkpoint_keeps_nan_and_negative_zero) {
     const std::vector<double> odd = {std::numeric_limits<double>::quiet_NaN(), -0.0,
                                      std::numeric_limits<double>::infinity(), 5e-324};

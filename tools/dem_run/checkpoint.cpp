@@ -19,9 +19,8 @@ template <class Scalar, class Value>
 io::Column flat(const std::string& name, const std::vector<Value>& values, const std::string& unit = "") {
     static_assert(sizeof(Value) % sizeof(Scalar) == 0 && std::is_trivially_copyable_v<Value>);
     constexpr std::size_t width = sizeof(Value) / sizeof(Scalar);
-    std::vector<Scalar> data(values.size() * width);
-    if (!values.empty())
-        std::memcpy(data.data(), values.data(), values.size() * sizeof(Value));
+    const auto* scalars = reinterpret_cast<const Scalar*>(values.data());
+    std::vector<Scalar> data(scalars, scalars + values.size() * width);
     return {name, std::move(data), width, unit, {}};
 }
 
@@ -45,10 +44,10 @@ void read_rows(const io::CheckpointReader& file, const std::string& name, std::u
     unflatten<Scalar>(empty ? file.read(name) : file.read(name, first, count), values);
 }
 
-/// One list of all columns, used both ways: `each(name, values, scalar, unit, spread)`.
+/// Two lists of all columns, used both ways: `each(name, values, scalar, unit, spread)`.
 template <class State, class Each>
-void state_columns(State& s, Each&& each) {
-    const Spread block = Spread::block, table = Spread::table, whole = Spread::whole;
+void particle_columns(State& s, Each&& each) {
+    const Spread block = Spread::block;
     each("particles/position", s.position, double{}, "m", block);
     each("particles/half_velocity", s.half_velocity, double{}, "m s-1", block);
     each("particles/half_angular_velocity", s.half_angular_velocity, double{}, "rad s-1", block);
@@ -57,6 +56,11 @@ void state_columns(State& s, Each&& each) {
     each("particles/damping_load", s.damping_load, float{}, "", block);
     each("particles/half_kick", s.half_kick, float{}, "", block);
     each("particles/image", s.image, std::int32_t{}, "", block);
+}
+
+template <class State, class Each>
+void contact_columns(State& s, Each&& each) {
+    const Spread table = Spread::table, whole = Spread::whole;
     each("contacts/pair", s.contact_pair, std::uint64_t{}, "", table);
     each("contacts/image", s.contact_image, std::int8_t{}, "", table);
     each("contacts/tangential_displacement", s.contact_displacement, double{}, "m", table);
@@ -101,20 +105,45 @@ std::int64_t integer(const io::Attributes& attributes, const std::string& name) 
 io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulation,
                         const engine::RunPosition& position, const parallel::Communicator& world) {
     io::CheckpointFile file;
-    const engine::SavedState state = simulation.save();
-    const auto add = [&](const std::string& name, const auto& values, auto scalar, const std::string& unit,
-                         Spread spread) {
-        io::Column& column = file.columns.emplace_back(flat<decltype(scalar)>(name, values, unit));
+    const auto spread_out = [&world](io::Column& column, std::size_t rows_here, Spread spread) {
         if (spread == Spread::whole)
             return;
-        const std::vector<std::uint64_t> rows = world.gather(std::uint64_t{values.size()});
+        const std::vector<std::uint64_t> rows = world.gather(std::uint64_t{rows_here});
         for (std::size_t r = 0; r < rows.size(); ++r) {
             column.rows.total += rows[r];
             column.rows.first += r < static_cast<std::size_t>(world.rank()) ? rows[r] : 0;
         }
     };
-    state_columns(state, add);
-    grain_columns(grains, add);
+    grain_columns(grains, [&](const std::string& name, const auto& values, auto scalar,
+                              const std::string& unit, Spread spread) {
+        spread_out(file.columns.emplace_back(flat<decltype(scalar)>(name, values, unit)), values.size(),
+                   spread);
+    });
+    // The state is of the size of all that the engine keeps: a half of it at a time, and of that what is not
+    // yet a column.
+    const auto taken_by = [spread_out](std::vector<io::Column>& columns) {
+        return [spread_out, &columns](const std::string& name, auto& values, auto scalar,
+                                      const std::string& unit, Spread spread) {
+            spread_out(columns.emplace_back(flat<decltype(scalar)>(name, values, unit)), values.size(),
+                       spread);
+            values = {};
+            values.shrink_to_fit();
+        };
+    };
+    file.later.emplace_back([&simulation, taken_by] {
+        std::vector<io::Column> columns;
+        engine::SavedState state;
+        simulation.save_particles(state);
+        particle_columns(state, taken_by(columns));
+        return columns;
+    });
+    file.later.emplace_back([&simulation, taken_by] {
+        std::vector<io::Column> columns;
+        engine::SavedState state;
+        simulation.save_contacts(state);
+        contact_columns(state, taken_by(columns));
+        return columns;
+    });
     const Box box = grains.box.value_or(Box{});
     file.columns.push_back(
         flat<double>("start/box", std::vector<Vec3>{box.lower, box.upper, grains.origin}, "m"));
@@ -124,7 +153,7 @@ io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulati
          1,
          "",
          {}});
-    file.attributes = {{"step", state.step},
+    file.attributes = {{"step", simulation.steps()},
                        {"time", simulation.time()},
                        {"time_step", simulation.time_step().step},
                        {"stage", static_cast<std::int64_t>(position.stage)},
@@ -190,7 +219,7 @@ engine::SavedState unpack_state(const io::CheckpointReader& file, std::uint64_t 
     engine::SavedState state;
     const auto rank = static_cast<std::uint64_t>(world.rank()),
                ranks = static_cast<std::uint64_t>(world.size());
-    state_columns(state, [&](const std::string& name, auto& values, auto scalar, const char*, Spread spread) {
+    const auto read = [&](const std::string& name, auto& values, auto scalar, const char*, Spread spread) {
         const std::uint64_t rows = file.rows(name), begin = rows * rank / ranks;
         if (spread == Spread::block)
             read_rows<decltype(scalar)>(file, name, first, count, values);
@@ -198,7 +227,9 @@ engine::SavedState unpack_state(const io::CheckpointReader& file, std::uint64_t 
             read_rows<decltype(scalar)>(file, name, begin, rows * (rank + 1) / ranks - begin, values);
         else
             unflatten<decltype(scalar)>(file.read(name), values);
-    });
+    };
+    particle_columns(state, read);
+    contact_columns(state, read);
     state.step = integer(file.attributes(), "step");
     return state;
 }

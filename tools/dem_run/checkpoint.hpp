@@ -8,7 +8,8 @@
 namespace talus::dem_run {
 
 /// A whole run as a checkpoint: the particles as they were at the start, the engine's state and the place in
-/// the stages. Each rank gives its block. Collective.
+/// the stages. Each rank gives its block. Collective. `simulation` must stay as it is until the file is
+/// written.
 io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulation,
                         const engine::RunPosition& position, const parallel::Communicator& world);
 

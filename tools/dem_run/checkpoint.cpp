@@ -121,29 +121,25 @@ io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulati
     });
     // The state is of the size of all that the engine keeps: a half of it at a time, and of that what is not
     // yet a column.
-    const auto taken_by = [spread_out](std::vector<io::Column>& columns) {
-        return [spread_out, &columns](const std::string& name, auto& values, auto scalar,
-                                      const std::string& unit, Spread spread) {
-            spread_out(columns.emplace_back(flat<decltype(scalar)>(name, values, unit)), values.size(),
-                       spread);
-            values = {};
-            values.shrink_to_fit();
-        };
+    const auto half_later = [&](auto save, auto for_columns) {
+        file.later.emplace_back([spread_out, save, for_columns] {
+            engine::SavedState state;
+            save(state);
+            std::vector<io::Column> columns;
+            for_columns(state, [&](const std::string& name, auto& values, auto scalar,
+                                   const std::string& unit, Spread spread) {
+                spread_out(columns.emplace_back(flat<decltype(scalar)>(name, values, unit)), values.size(),
+                           spread);
+                values = {};
+                values.shrink_to_fit();
+            });
+            return columns;
+        });
     };
-    file.later.emplace_back([&simulation, taken_by] {
-        std::vector<io::Column> columns;
-        engine::SavedState state;
-        simulation.save_particles(state);
-        particle_columns(state, taken_by(columns));
-        return columns;
-    });
-    file.later.emplace_back([&simulation, taken_by] {
-        std::vector<io::Column> columns;
-        engine::SavedState state;
-        simulation.save_contacts(state);
-        contact_columns(state, taken_by(columns));
-        return columns;
-    });
+    half_later([&simulation](auto& state) { simulation.save_particles(state); },
+               [](auto& state, auto each) { particle_columns(state, each); });
+    half_later([&simulation](auto& state) { simulation.save_contacts(state); },
+               [](auto& state, auto each) { contact_columns(state, each); });
     const Box box = grains.box.value_or(Box{});
     file.columns.push_back(
         flat<double>("start/box", std::vector<Vec3>{box.lower, box.upper, grains.origin}, "m"));

@@ -138,7 +138,7 @@ class Pipeline(ToolTest):
         seen, times = check_xdmf(self, self.made / "slide.traj.xdmf")
         self.assertIn("/particles/all/position/value", seen)
         frames = datasets(self.made / "slide.traj.h5")["particles/all/position/time"]
-        np.testing.assert_allclose(times, frames, rtol=1e-6)
+        np.testing.assert_allclose(times, np.unique(frames), rtol=1e-6)
 
     def test_nothing_unfinished_is_left(self):
         self.assertFalse([name for name in self.files() if name.endswith((".part", ".tmp", ".resume", ".ckpt.h5"))])

@@ -39,11 +39,10 @@ namespace {
 struct Start {
     Grains grains;
     io::Provenance provenance;
-    std::optional<engine::SavedState> state;
     engine::RunPosition position;
     std::uint64_t first = 0; ///< number of the block's first particle
     std::optional<io::TrajectoryImage> trajectory;
-    std::shared_ptr<const io::CheckpointReader> checkpoint; ///< until the output has read its part
+    std::shared_ptr<const io::CheckpointReader> checkpoint; ///< until engine and output have read their parts
 };
 
 std::string checkpoint_path(std::string output, const std::string& given) {
@@ -116,7 +115,6 @@ Start from_checkpoint(const io::CheckpointReader& file, const Start* like,
     }
     start.grains = dem_run::unpack_grains(file, start.first, count);
     start.provenance = file.provenance();
-    start.state = dem_run::unpack_state(file, start.first, count, world);
     start.position = dem_run::unpack_position(file);
     start.trajectory = io::trajectory_image(file);
     return start;
@@ -364,15 +362,17 @@ int main(int argc, char** argv) {
             return;
         }
         const auto first_finds = [&](const auto& what) { return world.any(first_rank && what()) != 0; };
-        if (!usable.empty() &&
-            first_finds([&] { return finished_before(common.output, start.state->step); })) {
+        if (!usable.empty() && first_finds([&] {
+                return finished_before(common.output, dem_run::step_of(*start.checkpoint));
+            })) {
             if (first_rank)
                 remove_checkpoints(saved);
             tool.warn(common.output + ": is complete already; only its checkpoint was left");
             return;
         }
-        if (start.state) {
-            simulation.restore(*start.state);
+        if (start.checkpoint) {
+            simulation.restore(
+                dem_run::unpack_state(*start.checkpoint, start.first, start.grains.size(), world));
             tool.note(fmt::format("going on from step {} of {}", simulation.steps(),
                                   usable.empty() ? input : usable));
         }
@@ -397,7 +397,7 @@ int main(int argc, char** argv) {
         const bool goes_on = start.trajectory && first_finds([&] {
                                  return std::filesystem::exists(io::partial_path(common.output));
                              });
-        if (start.state && !goes_on)
+        if (start.checkpoint && !goes_on)
             tool.warn(common.output +
                       ": the frames before the checkpoint are gone; the trajectory starts there");
         io::TrajectoryWriter trajectory =
@@ -428,7 +428,7 @@ int main(int argc, char** argv) {
                                    dem_run::output_rules(settings, scene, start.grains, world), progress,
                                    world, save);
         recorder_ptr = &recorder;
-        if (start.state)
+        if (start.checkpoint)
             recorder.restore(*start.checkpoint, goes_on, start.first, start.grains.size());
         start.checkpoint.reset();
         if (settings.surface_labels)

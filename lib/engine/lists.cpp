@@ -414,10 +414,12 @@ void Simulation::rebuild(bool all_bonds, Carried carried) {
     std::vector<search::KeyedPair> keys;
     if (!carried.pairs.empty()) { // they stand behind the present list's
         pairs_.extend(list_.size() + carried.pairs.size(), kernel_.traits);
+        keys.reserve(carried.pairs.size());
         for (const CarriedPair& pair : carried.pairs) {
             pairs_.store(list_.size() + keys.size(), pair.history);
             keys.push_back(pair.key);
         }
+        carried.pairs = {}; // after a checkpoint was read these are all contacts
     }
     const search::CandidateList::Missed missed =
         list_.rebuild(p, reach_factor_, bond_reach_, outer_share_, close_factor, share_, order, old_owned,

@@ -100,6 +100,15 @@ void Simulation::recut_where_unbalanced() {
     ++recuts_;
 }
 
+void Simulation::Carried::sort_pairs() {
+    const auto key = [](const CarriedPair& pair) { return std::tie(pair.key.i, pair.key.j, pair.key.shift); };
+    std::sort(pairs.begin(), pairs.end(),
+              [&](const CarriedPair& a, const CarriedPair& b) { return key(a) < key(b); });
+    pairs.erase(std::unique(pairs.begin(), pairs.end(),
+                            [&](const CarriedPair& a, const CarriedPair& b) { return key(a) == key(b); }),
+                pairs.end());
+}
+
 std::vector<std::uint32_t> Simulation::change_ranks(std::vector<std::array<std::int8_t, 3>>& wrapped,
                                                     Carried& carried) {
     const ParticleColumns& p = particles_;
@@ -130,14 +139,7 @@ std::vector<std::uint32_t> Simulation::change_ranks(std::vector<std::array<std::
     }
     const std::vector<CarriedPair> pairs_came = world_.exchange(pairs_to);
     carried.pairs.insert(carried.pairs.end(), pairs_came.begin(), pairs_came.end());
-    // Those that two ranks sent are the same.
-    const auto key = [](const CarriedPair& pair) { return std::tie(pair.key.i, pair.key.j, pair.key.shift); };
-    std::sort(carried.pairs.begin(), carried.pairs.end(),
-              [&](const CarriedPair& a, const CarriedPair& b) { return key(a) < key(b); });
-    carried.pairs.erase(
-        std::unique(carried.pairs.begin(), carried.pairs.end(),
-                    [&](const CarriedPair& a, const CarriedPair& b) { return key(a) == key(b); }),
-        carried.pairs.end());
+    carried.sort_pairs();
 
     std::vector<std::vector<CarriedWall>> walls_to(static_cast<std::size_t>(world_.size()));
     for (const WallContacts::Entry& e : walls_.entries())

@@ -225,7 +225,8 @@ public:
     /// rest.
     void save_particles(SavedState& state) const;
     void save_contacts(SavedState& state) const;
-    void restore(const SavedState& state);
+    /// The parts of the state go as they are used: give it away where memory counts.
+    void restore(SavedState state);
     /// Gives contacts the tangential displacements that they have in a packing. Rows with neither a contact
     /// here are refused as in restore(); contacts without a row start from zero.
     /// @param contacts of this rank's block (i in it), i < j by id; images as of positions wrapped into the
@@ -247,6 +248,9 @@ private:
         std::vector<CarriedWall> walls;
         bool restored = false;      ///< from a checkpoint, of
         std::uint64_t expected = 0; ///< contacts in all
+
+        /// By key, each once: several ranks send the same.
+        void sort_pairs();
     };
     /// Pairs whose forces are computed before the particles they complete are moved: 16 kB of forces.
     static constexpr std::size_t sweep_block = search::CandidateList::block;
@@ -400,7 +404,7 @@ private:
     void send_home(Make make, Take take) const;
     template <class Make, class Take>
     void send_to_owners(Make make, Take take) const;
-    Carried restored_contacts(const SavedState& state) const;
+    Carried take_contacts(SavedState& state) const;
 
     Scene scene_;
     ThreadTeam& team_;

@@ -74,6 +74,11 @@ void Simulation::send_home(Make make, Take take) const {
 /// The other way: calls take(row, what) on the rank that owns the particle.
 template <class Make, class Take>
 void Simulation::send_to_owners(Make make, Take take) const {
+    if (world_.alone()) {
+        for (std::size_t row = 0; row < particles_.owned; ++row)
+            take(row, make(particles_.id[row]));
+        return;
+    }
     const std::vector<int> owner = owners_of_block();
     std::vector<std::vector<decltype(make(0))>> to(static_cast<std::size_t>(world_.size()));
     for (std::size_t k = 0; k < owner.size(); ++k)
@@ -304,7 +309,7 @@ void Simulation::save_contacts(SavedState& s) const {
     s.scalars.insert(s.scalars.end(), onsets_.begin(), onsets_.end());
 }
 
-void Simulation::restore(const SavedState& s) {
+void Simulation::restore(SavedState s) {
     const std::size_t n = block_size();
     const std::size_t of_walls = 4 + 3 * walls_.count(), of_test = triaxial_ ? TriaxialTest::state_size : 0;
     if (s.position.size() != n || s.scalars.size() != of_walls + of_test + onsets_.size() ||
@@ -348,7 +353,7 @@ void Simulation::restore(const SavedState& s) {
     std::fill(pairs_.offset.begin(), pairs_.offset.end(), 0.0);
     walls_.forget_histories();
     cut_domains();
-    rebuild(true, restored_contacts(s));
+    rebuild(true, take_contacts(s));
 
     // Pair forces are needed for reports only: compute them on a copy of the history, which stays as saved.
     // The next step starts from the saved accelerations.
@@ -408,12 +413,12 @@ void Simulation::adopt_histories(const ContactTable& contacts) {
         state.half_angular_velocity[k] += half * state.angular_acceleration[k];
         state.half_kick[k] = {};
     }
-    restore(state);
+    restore(std::move(state));
     start_from_full_step();
 }
 
-/// The checkpoint's contacts, each on the ranks that own its particles now.
-Simulation::Carried Simulation::restored_contacts(const SavedState& s) const {
+/// Takes the contacts out of a checkpoint's state: each to the ranks that own its particles now.
+Simulation::Carried Simulation::take_contacts(SavedState& s) const {
     const auto lost = [&](std::uint64_t i, std::uint64_t j) {
         throw Error(
             ExitCode::input_invalid,
@@ -424,45 +429,45 @@ Simulation::Carried Simulation::restored_contacts(const SavedState& s) const {
     };
     const auto ranks = static_cast<std::size_t>(world_.size());
     const std::vector<int> owner = owners_of_block();
-    std::vector<std::vector<PairRow>> to_home(ranks), to_owner(ranks);
+    Carried carried;
+    carried.restored = true;
+    carried.expected = world_.sum(s.contact_pair.size());
+    std::vector<std::vector<CarriedPair>> to_home(ranks), to_owner(ranks);
     if (world_.alone())
-        to_home[0].reserve(s.contact_pair.size());
+        carried.pairs.reserve(s.contact_pair.size());
     for (std::size_t c = 0; c < s.contact_pair.size(); ++c) {
         const auto [i, j] = s.contact_pair[c];
         if (i >= size() || j >= size())
             lost(i, j);
-        const PairRow pair{
-            i, j, s.contact_image[c], {s.contact_displacement[c], s.contact_offset[c], s.contact_state[c]}};
+        const auto [x, y, z] = s.contact_image[c];
+        const CarriedPair pair{{i, j, {x, y, z}, false},
+                               {s.contact_displacement[c], s.contact_offset[c], s.contact_state[c]}};
+        if (world_.alone()) {
+            carried.pairs.push_back(pair);
+            continue;
+        }
         const std::size_t home_i = home_of(i), home_j = home_of(j);
         to_home[home_i].push_back(pair);
         if (home_j != home_i)
             to_home[home_j].push_back(pair);
     }
-    std::vector<PairRow> pairs;
-    if (world_.alone()) {
-        pairs = std::move(to_home[0]);
-    } else {
-        for (const PairRow& pair : world_.exchange(to_home)) {
+    s.contact_pair = {};
+    s.contact_image = {};
+    s.contact_displacement = {};
+    s.contact_offset = {};
+    s.contact_state = {};
+    if (!world_.alone()) {
+        for (const CarriedPair& pair : world_.exchange(to_home)) {
             int sent = -1;
-            for (const std::uint64_t id : {pair.i, pair.j})
+            for (const std::uint64_t id : {pair.key.i, pair.key.j})
                 if (home_of(id) == rank() && owner[id - first_id()] != sent) {
                     sent = owner[id - first_id()];
                     to_owner[static_cast<std::size_t>(sent)].push_back(pair);
                 }
         }
-        pairs = world_.exchange(to_owner);
+        carried.pairs = world_.exchange(to_owner);
     }
-    std::sort(pairs.begin(), pairs.end());
-    Carried carried;
-    carried.restored = true;
-    carried.pairs.reserve(pairs.size());
-    for (const PairRow& pair : pairs) { // one that came from both homes is taken once
-        const search::KeyedPair key{pair.i, pair.j, {pair.shift[0], pair.shift[1], pair.shift[2]}, false};
-        if (carried.pairs.empty() ||
-            std::tie(carried.pairs.back().key.i, carried.pairs.back().key.j,
-                     carried.pairs.back().key.shift) != std::tie(key.i, key.j, key.shift))
-            carried.pairs.push_back({key, pair.history});
-    }
+    carried.sort_pairs(); // one that came from both homes is taken once
     std::vector<std::vector<WallRow>> walls_home(ranks), walls_owner(ranks);
     for (std::size_t c = 0; c < s.wall_pair.size(); ++c) {
         const auto [id, wall] = s.wall_pair[c];
@@ -475,7 +480,6 @@ Simulation::Carried Simulation::restored_contacts(const SavedState& s) const {
         walls_owner[static_cast<std::size_t>(owner[wall.id - first_id()])].push_back(wall);
     for (const WallRow& wall : world_.exchange(walls_owner))
         carried.walls.push_back({wall.id, wall.wall, wall.history});
-    carried.expected = world_.sum(s.contact_pair.size());
     return carried;
 }
 

@@ -226,8 +226,12 @@ engine::SavedState unpack_state(const io::CheckpointReader& file, std::uint64_t 
     };
     particle_columns(state, read);
     contact_columns(state, read);
-    state.step = integer(file.attributes(), "step");
+    state.step = step_of(file);
     return state;
+}
+
+std::int64_t step_of(const io::CheckpointReader& file) {
+    return integer(file.attributes(), "step");
 }
 
 engine::RunPosition unpack_position(const io::CheckpointReader& file) {

@@ -26,6 +26,7 @@ void check_same_run(const io::CheckpointReader& file, const std::string& path, c
 /// State of a block of the particles, and this rank's share of the contacts.
 engine::SavedState unpack_state(const io::CheckpointReader& file, std::uint64_t first, std::uint64_t count,
                                 const parallel::Communicator& world);
+std::int64_t step_of(const io::CheckpointReader& file);
 engine::RunPosition unpack_position(const io::CheckpointReader& file);
 
 } // namespace talus::dem_run

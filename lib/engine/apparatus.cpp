@@ -16,7 +16,7 @@ void Simulation::make_apparatus(const Grains& grains) {
                     "triaxial: found several MPI ranks, expected one: use threads, and one task a test");
     const Triaxial& t = *scene_.triaxial;
     const double modulus = membrane_modulus(t, scene_.material);
-    membrane_ = Membrane(grains, modulus, t.membrane_damping);
+    membrane_ = Membrane(grains, modulus, locked_membrane_modulus(scene_.material), t.membrane_damping);
     if (time_step_.step > membrane_.stable_step() && !scene_.allow_unstable)
         throw Error(
             ExitCode::configuration_invalid,

@@ -39,7 +39,7 @@ Vec3 predicted_velocity(const ParticleColumns& p, std::uint32_t row) {
 
 } // namespace
 
-Membrane::Membrane(const Grains& grains, double youngs_modulus, double damping) {
+Membrane::Membrane(const Grains& grains, double youngs_modulus, double locked_modulus, double damping) {
     std::size_t first = 0, end = grains.size();
     while (first < end && (grains.species.empty() || grains.species[first] != Species::membrane))
         ++first;
@@ -72,7 +72,8 @@ Membrane::Membrane(const Grains& grains, double youngs_modulus, double damping) 
     for (std::size_t n = 0; n < count; ++n)
         mean_radius_ += grains.radius[first + n] / static_cast<double>(count);
 
-    const double stiffness = 0.5 * std::sqrt(3.0) * youngs_modulus * 2 * mean_radius_;
+    const double thickness = 2 * mean_radius_, stiffness = 0.5 * std::sqrt(3.0) * youngs_modulus * thickness;
+    more_stiffness_ = std::max(0.0, 0.5 * std::sqrt(3.0) * locked_modulus * thickness - stiffness);
     for (std::size_t ring = 0; ring < rings; ++ring) {
         const std::size_t turn =
             ring % 2; // upper ring's node k stands above k and k + 1, or above k - 1 and k
@@ -105,7 +106,7 @@ Membrane::Membrane(const Grains& grains, double youngs_modulus, double damping) 
     for (std::size_t n = around_; n + around_ < count; ++n) {
         double spring = 0, dashpot = 0;
         for (std::uint32_t k = first_edge_[n]; k < first_edge_[n + 1]; ++k) {
-            spring += edges_[edge_of_[k]].stiffness;
+            spring += edges_[edge_of_[k]].stiffness + more_stiffness_;
             dashpot += edges_[edge_of_[k]].dashpot;
         }
         const double mass = grains.mass[first + n], w = std::sqrt(2 * spring / mass),
@@ -173,7 +174,9 @@ void Membrane::compute(const ParticleColumns& p, double pressure, ThreadTeam& te
             const Vec3 along = branch / length;
             const double rate = dot(velocity_[e.b] - velocity_[e.a], along);
             loss_[k] = e.dashpot * rate * rate;
-            tension_[k] = (e.stiffness * (length - e.length) + e.dashpot * rate) * along;
+            tension_[k] =
+                (e.stiffness * (length - e.length) + more_stiffness_ * beyond(e, length) + e.dashpot * rate) *
+                along;
         }
     });
     team.for_range(nodes(), [&](std::size_t begin, std::size_t end, int) {
@@ -200,8 +203,9 @@ double Membrane::stress() const {
 
 void Membrane::add_elastic_energy(const ParticleColumns& p, ExactSum& sum) const {
     for (const Edge& e : edges_) {
-        const double stretch = norm(position(p, node_row_[e.b]) - position(p, node_row_[e.a])) - e.length;
-        sum.add(0.5 * e.stiffness * stretch * stretch);
+        const double length = norm(position(p, node_row_[e.b]) - position(p, node_row_[e.a])),
+                     stretch = length - e.length, locked = beyond(e, length);
+        sum.add(0.5 * (e.stiffness * stretch * stretch + more_stiffness_ * locked * locked));
     }
 }
 

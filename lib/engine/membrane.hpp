@@ -5,6 +5,7 @@
 #include "particles/columns.hpp"
 #include "particles/grains.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -18,18 +19,28 @@ namespace talus::engine {
 /// presses on, it presses through its particles' contacts, which are the engine's. Nodes do not touch each
 /// other.
 ///
+/// Stretched to where a grain could slip between the particles of a triangle, its edges lock: from
+/// `locks_at` on each is as stiff as a sheet of the modulus `locked_modulus` would make it.
+///
 /// A triangular net of springs k is a sheet of Young's modulus times thickness 2 k / sqrt(3) and Poisson's
 /// ratio 1/3 (Seung & Nelson 1988, Phys. Rev. A 38, 1005); k is chosen for a thickness of one particle.
 class Membrane {
 public:
+    /// Stretch of an edge, of its length at rest. Three particles 2 r apart let another of that size through
+    /// when their edges are stretched by 0.73, one of 0.82 r by 0.58; over pores of a grain's size they
+    /// stretch by up to 0.38.
+    static constexpr double locks_at = 0.4;
+
     Membrane() = default;
     /// The sheet made by the particles of species membrane, which stand ring by ring from below, each as long
     /// as the first and at one height, every second one turned by half a step. All edges are at rest as they
     /// stand.
     /// @param youngs_modulus Pa, of the sheet
+    /// @param locked_modulus Pa, of the sheet stretched by more than `locks_at`; not less than the other
+    /// counts
     /// @param damping of each edge, of its critical damping
     /// @throws Error(input_invalid) where the particles do not form such a sheet
-    Membrane(const Grains& grains, double youngs_modulus, double damping);
+    Membrane(const Grains& grains, double youngs_modulus, double locked_modulus, double damping);
 
     bool any() const { return !node_row_.empty(); }
     std::size_t nodes() const { return node_row_.size(); }
@@ -86,10 +97,15 @@ private:
     }
     void add_edge(const Grains& grains, std::size_t first, std::uint32_t a, std::uint32_t b, double stiffness,
                   double damping);
+    /// m, of an edge beyond where it locks.
+    static double beyond(const Edge& e, double length) {
+        return std::max(0.0, length - (1 + locks_at) * e.length);
+    }
 
     std::size_t around_ = 0;
     std::uint64_t first_id_ = 0;
     double mean_radius_ = 0, pressure_ = 0, volume_ = 0, stable_step_ = 0;
+    double more_stiffness_ = 0; ///< N/m, of a locked edge
     std::vector<std::array<std::uint32_t, 3>> triangles_;
     std::vector<Edge> edges_;
     std::vector<std::uint32_t> node_row_, row_node_;

@@ -29,6 +29,9 @@ constexpr double most_of_stress = 0.5, most_of_modulus = 0.05;
 /// confining stress. A softer sheet is pushed in between the grains: at twice the stress it held with pores
 /// of a grain's size (stress 200 kPa), at half it did not.
 constexpr double part_of_youngs_modulus = 1e-3, least_of_stress = 2.5;
+/// Of the grains' modulus, of the sheet where its edges lock. Single grains push against it with what a
+/// column of grains carries, whatever the confining stress.
+constexpr double locked_part_of_youngs_modulus = 0.05;
 /// Least mean radii of a specimen's radius: below, a membrane of its grains' size is no surface.
 constexpr double least_radii = 4;
 
@@ -235,6 +238,10 @@ void prepare_triaxial(Scene& scene, Grains& grains) {
 double membrane_modulus(const Triaxial& t, const Material& material) {
     return t.membrane_youngs_modulus.value_or(
         std::max(part_of_youngs_modulus * material.youngs_modulus, least_of_stress * t.confining_stress));
+}
+
+double locked_membrane_modulus(const Material& material) {
+    return locked_part_of_youngs_modulus * material.youngs_modulus;
 }
 
 double TriaxialTest::Shape::outer() const {

@@ -31,6 +31,8 @@ struct TriaxialMeasures {
 
 /// Pa, of the membrane's sheet.
 double membrane_modulus(const Triaxial& t, const Material& material);
+/// Pa, of the sheet where it is stretched so far that grains could slip through.
+double locked_membrane_modulus(const Material& material);
 
 /// Moves the top platen and sets the pressure, step by step.
 ///

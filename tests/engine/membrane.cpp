@@ -34,7 +34,8 @@ Grains cylinder(std::size_t around, std::size_t rings, double radius, double hei
 /// A sheet with the columns that it looks at; its rows are in an order of their own.
 class Sheet {
 public:
-    explicit Sheet(const Grains& g, double damping = 0) : membrane(g, sheet_modulus, damping) {
+    explicit Sheet(const Grains& g, double damping = 0, double locked_modulus = 0)
+        : membrane(g, sheet_modulus, locked_modulus, damping) {
         const std::size_t n = g.size();
         columns.owned = n;
         columns.bodies.resize(n);
@@ -326,9 +327,28 @@ TEST(Membrane, StressIsThePushOverTheFreeNodesArea) {
     EXPECT_NEAR(sheet.membrane.stress() / 4e3, 1, 1e-12);
 }
 
+TEST(Membrane, LocksWhereGrainsCouldSlipThrough) {
+    // One node of two equal sheets is drawn outwards: as long as no edge is stretched by locks_at they pull
+    // alike, beyond one of them pulls as much more as its locked modulus says, and still as its energy does.
+    const Grains g = cylinder(16, 9, 0.3, 0.6);
+    Sheet soft(g), locks(g, 0, 20 * sheet_modulus);
+    const std::uint32_t node = 4 * 16 + 3;
+    const Vec3 start = soft.position(node), out = Vec3{start.x - 0.3, start.y + 0.2, 0} / 0.3;
+    const auto pull = [&](Sheet& sheet, double by) {
+        sheet.place(node, start + by * out);
+        sheet.compute(0);
+        return dot(sheet.membrane.force(node), out);
+    };
+    EXPECT_EQ(pull(soft, 0.05), pull(locks, 0.05));
+    EXPECT_LT(pull(locks, 0.2), 3 * pull(soft, 0.2));
+    const Vec3 slope = locks.gradient(node, 1e-6, [&] { return locks.elastic_energy(); });
+    EXPECT_LT(norm(slope + locks.membrane.force(node)), 1e-6 * norm(slope));
+    EXPECT_LT(locks.membrane.stable_step(), soft.membrane.stable_step());
+}
+
 void expect_refused(const Grains& g, const std::string& words) {
     try {
-        Membrane membrane(g, sheet_modulus, 0);
+        Membrane membrane(g, sheet_modulus, 0, 0);
         ADD_FAILURE() << "taken, expected: " << words;
     } catch (const Error& error) {
         EXPECT_EQ(error.code(), ExitCode::input_invalid);
@@ -338,7 +358,7 @@ void expect_refused(const Grains& g, const std::string& words) {
 
 TEST(Membrane, RefusesWhatIsNoSheet) {
     const Grains good = cylinder(8, 5, 0.3, 0.5);
-    EXPECT_NO_THROW(Membrane(good, sheet_modulus, 0));
+    EXPECT_NO_THROW(Membrane(good, sheet_modulus, 0, 0));
     const auto without = [&](std::size_t node) {
         Grains g = good;
         const auto at = static_cast<std::ptrdiff_t>(node);

@@ -207,8 +207,10 @@ class TriaxialTests(RankRuns):
         self.assertGreater(told["expected_run_time"], 0)
 
     def test_pushed_through_the_membrane(self):
+        # Grains fit between three of the membrane's particles, whatever these are held by.
         got = self.refuses(FAILED, "--triaxial.confining_stress", "500kPa", "--triaxial.membrane_youngs_modulus",
-                           "1kPa", "--set", "bond=null", names=("outside the membrane", "triaxial.membrane_radius"))
+                           "1kPa", "--triaxial.membrane_radius", "16cm", "--set", "bond=null",
+                           names=("outside the membrane", "triaxial.membrane_radius"))
         self.assertEqual(len(got.err.splitlines()), 1, str(got))
         grain = int(got.err.split("particle ")[1].split(":")[0])
         self.assertLess(grain, self.grains())

@@ -22,21 +22,31 @@ std::uint64_t scaled(std::uint64_t bytes, std::uint64_t whole, std::uint64_t sam
 
 constexpr std::uint64_t particles_at_once = 1'000'000; ///< of expand_in_parts()
 constexpr std::uint64_t tiled_chunk = 1u << 20, explicit_chunk = 4u << 20;
-// What writing takes beside the data, measured: HDF5's own, stacks of threads, buffers of the output.
-constexpr std::uint64_t tiled_fixed = 2u << 20, explicit_fixed = 1u << 20;
-constexpr std::uint64_t filter_copies = 3; ///< of a chunk under way through HDF5's filters
+constexpr std::uint64_t tiled_fixed = 1u << 19; ///< HDF5's own, stacks of threads; measured
+constexpr std::uint64_t filter_copies = 3;      ///< of a chunk under way through HDF5's filters
 
 std::uint64_t masks_of(const TrimCounts& c) {
     return 1 + (c.fixed_count > 0 ? 1 : 0) + (c.release_count > 0 ? 1 : 0);
 }
 
+/// Of the boxes, as they were read.
+std::uint64_t box_bytes(const TiledModel& model) {
+    std::uint64_t bytes = 0;
+    for (const PgBox& box : model.boxes)
+        bytes += box.size() * 32 + box.contacts.size() * 27;
+    return bytes;
+}
+
 /// While tiles come: chunks of masks that wait for more, and what HDF5 keeps of each mask. After them: a
 /// column of the table as it is written, the widest.
-std::uint64_t tiled_buffers(const TrimCounts& c, std::size_t box_size) {
-    const std::uint64_t chunk = std::min(c.tiles_cut * mask_bytes(box_size), tiled_chunk);
+std::uint64_t tiled_buffers(const TrimCounts& c, const TiledModel& sample) {
+    const std::uint64_t mask = c.tiles_cut * mask_bytes(sample.boxes.front().size());
+    // One that does not fill a chunk waits; one that does is at HDF5's while the next one waits.
+    const std::uint64_t masks = masks_of(c) * (mask < tiled_chunk ? 23 * mask / 20 : 23 * tiled_chunk / 10);
     const std::uint64_t widest = (c.tiles_full + c.tiles_cut) * 3 * sizeof(std::int32_t);
-    return tiled_fixed +
-           std::max(23 * masks_of(c) * chunk / 10, widest + 23 * std::min(widest, explicit_chunk) / 10);
+    // The boxes once more, in the file's columns and as what is looked for in them; measured.
+    return tiled_fixed + 19 * box_bytes(sample) / 10 +
+           std::max(masks, widest + 23 * std::min(widest, explicit_chunk) / 10);
 }
 
 /// The most of: each part of the model in memory with the chunks that wait for more, before and after, and
@@ -55,7 +65,9 @@ std::uint64_t explicit_parts(std::uint64_t particles, std::uint64_t contacts, st
                                 after = scaled(column, last, particles);
             const bool completes = after / explicit_chunk > before / explicit_chunk;
             const std::uint64_t head = completes ? before % explicit_chunk : 0;
-            held += after - before + head + after % explicit_chunk;
+            // Parts share their memory: a last, smaller one keeps what the first has taken.
+            held += scaled(column, std::min(particles, particles_at_once), particles) + head +
+                    after % explicit_chunk;
             // Shuffled and stored; where the part before has begun it, joined.
             if (completes)
                 copies = std::max<std::uint64_t>(copies, head > 0 ? 3 : 2);
@@ -67,7 +79,7 @@ std::uint64_t explicit_parts(std::uint64_t particles, std::uint64_t contacts, st
         waiting += column % explicit_chunk;
         largest = std::max(largest, std::min(column, explicit_chunk));
     }
-    return explicit_fixed + std::max(most, waiting + filter_copies * largest);
+    return std::max(most, waiting + filter_copies * largest);
 }
 
 /// Of a tiled model in memory: its table, its masks.
@@ -92,7 +104,7 @@ FileForecast forecast_file(const TrimForecast& f, std::optional<ContactsWanted> 
         const io::TiledFileSize size = io::tiled_file_size(f.sample, provenance, config);
         result.bytes = size.others + scaled(size.masks, all.tiles_cut, some.tiles_cut) +
                        (f.table.empty() ? size.table : io::tile_table_size(f.table, f.sample));
-        result.memory = tiles * sizeof(TiledModel::Tile) + tiled_buffers(all, f.sample.boxes.front().size());
+        result.memory = tiles * sizeof(TiledModel::Tile) + tiled_buffers(all, f.sample);
         return result;
     }
     // Some tiles of the sample, or all: contacts across seams that the sample lacks change nothing in how a
@@ -115,16 +127,19 @@ FileForecast forecast_file(const TrimForecast& f, std::optional<ContactsWanted> 
     table.image.resize(kept);
     table.normal_overlap.resize(kept);
     const std::uint64_t contacts = grains.contacts.size();
-    double share = 1; // of all contacts
-    if (*explicit_form == ContactsWanted::mobile)
-        share = static_cast<double>(contacts_of(expander, last, ContactsWanted::mobile, team)) /
-                static_cast<double>(contacts_of(expander, last, ContactsWanted::all, team));
+    double left_out = 0; // contacts a fixed grain, those between fixed ones
+    if (*explicit_form == ContactsWanted::mobile) {
+        const auto fixed = std::count(grains.species.begin(), grains.species.end(), Species::fixed);
+        left_out = static_cast<double>(contacts_of(expander, last, ContactsWanted::all, team) -
+                                       contacts_of(expander, last, ContactsWanted::mobile, team)) /
+                   static_cast<double>(std::max<std::ptrdiff_t>(fixed, 1));
+    }
     const bool whole = grains.size() == all.particle_count;
     if (*explicit_form != ContactsWanted::none)
-        result.contact_count =
-            whole ? contacts
-                  : static_cast<std::uint64_t>(std::llround(f.contacts_per_particle * share *
-                                                            static_cast<double>(all.particle_count)));
+        result.contact_count = whole ? contacts
+                                     : static_cast<std::uint64_t>(std::llround(
+                                           f.contacts_per_particle * static_cast<double>(all.particle_count) -
+                                           left_out * static_cast<double>(all.fixed_count)));
     const io::ExplicitFrame frame{f.sample.origin,
                                   f.sample.coordinate_system,
                                   f.sample.domain,
@@ -136,7 +151,8 @@ FileForecast forecast_file(const TrimForecast& f, std::optional<ContactsWanted> 
                    scaled(size.compressed_particles, all.particle_count, grains.size()) +
                    scaled(size.compressed_contacts, result.contact_count, contacts);
     const std::uint64_t marks = (frame.species ? 1 : 0) + (frame.release ? 1 : 0) + (frame.material ? 1 : 0);
-    result.memory = tiled_bytes(all, f.sample.boxes.front().size()) +
+    // With the boxes' contacts by grain.
+    result.memory = tiled_bytes(all, f.sample.boxes.front().size()) + 3 * box_bytes(f.sample) / 2 +
                     explicit_parts(all.particle_count, result.contact_count, marks, team.size());
     return result;
 }

@@ -2,9 +2,9 @@
 #include "dem_run/checkpoint.hpp"
 
 #include "base/error.hpp"
+#include "dem_run/columns.hpp"
 
 #include <array>
-#include <cstring>
 #include <nlohmann/json.hpp>
 
 namespace talus::dem_run {
@@ -14,34 +14,12 @@ namespace {
 /// Which rows of a column: those of this rank's block, its share of a table, or all of it on every rank.
 enum class Spread { block, table, whole };
 
-/// Arrays of small fixed-size values as one flat column, and back.
-template <class Scalar, class Value>
-io::Column flat(const std::string& name, const std::vector<Value>& values, const std::string& unit = "") {
-    static_assert(sizeof(Value) % sizeof(Scalar) == 0 && std::is_trivially_copyable_v<Value>);
-    constexpr std::size_t width = sizeof(Value) / sizeof(Scalar);
-    const auto* scalars = reinterpret_cast<const Scalar*>(values.data());
-    std::vector<Scalar> data(scalars, scalars + values.size() * width);
-    return {name, std::move(data), width, unit, {}};
-}
-
-template <class Scalar, class Value>
-void unflatten(const io::Column& column, std::vector<Value>& values) {
-    const auto* data = std::get_if<std::vector<Scalar>>(&column.data);
-    constexpr std::size_t width = sizeof(Value) / sizeof(Scalar);
-    if (data == nullptr || data->size() % width != 0)
-        throw Error(ExitCode::input_invalid,
-                    "checkpoint: column " + column.name + " has the wrong type or width");
-    values.resize(data->size() / width);
-    if (!data->empty())
-        std::memcpy(static_cast<void*>(values.data()), data->data(), data->size() * sizeof(Scalar));
-}
-
 /// Reads rows [first, first + count) of a column that may be empty.
 template <class Scalar, class Value>
 void read_rows(const io::CheckpointReader& file, const std::string& name, std::uint64_t first,
                std::uint64_t count, std::vector<Value>& values) {
     const bool empty = file.rows(name) == 0;
-    unflatten<Scalar>(empty ? file.read(name) : file.read(name, first, count), values);
+    from_column<Scalar>(empty ? file.read(name) : file.read(name, first, count), values);
 }
 
 /// Two lists of all columns, used both ways: `each(name, values, scalar, unit, spread)`.
@@ -105,31 +83,23 @@ std::int64_t integer(const io::Attributes& attributes, const std::string& name) 
 io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulation,
                         const engine::RunPosition& position, const parallel::Communicator& world) {
     io::CheckpointFile file;
-    const auto spread_out = [&world](io::Column& column, std::size_t rows_here, Spread spread) {
-        if (spread == Spread::whole)
-            return;
-        const std::vector<std::uint64_t> rows = world.gather(std::uint64_t{rows_here});
-        for (std::size_t r = 0; r < rows.size(); ++r) {
-            column.rows.total += rows[r];
-            column.rows.first += r < static_cast<std::size_t>(world.rank()) ? rows[r] : 0;
-        }
+    const auto rows = [&world](const auto& values, Spread spread) {
+        return spread == Spread::whole ? io::Rows{} : rows_of(values.size(), world);
     };
     grain_columns(grains, [&](const std::string& name, const auto& values, auto scalar,
                               const std::string& unit, Spread spread) {
-        spread_out(file.columns.emplace_back(flat<decltype(scalar)>(name, values, unit)), values.size(),
-                   spread);
+        file.columns.push_back(as_column<decltype(scalar)>(name, values, unit, rows(values, spread)));
     });
     // The state is of the size of all that the engine keeps: a half of it at a time, and of that what is not
     // yet a column.
     const auto half_later = [&](auto save, auto for_columns) {
-        file.later.emplace_back([spread_out, save, for_columns] {
+        file.later.emplace_back([rows, save, for_columns] {
             engine::SavedState state;
             save(state);
             std::vector<io::Column> columns;
             for_columns(state, [&](const std::string& name, auto& values, auto scalar,
                                    const std::string& unit, Spread spread) {
-                spread_out(columns.emplace_back(flat<decltype(scalar)>(name, values, unit)), values.size(),
-                           spread);
+                columns.push_back(as_column<decltype(scalar)>(name, values, unit, rows(values, spread)));
                 values = {};
                 values.shrink_to_fit();
             });
@@ -142,7 +112,7 @@ io::CheckpointFile pack(const Grains& grains, const engine::Simulation& simulati
                [](auto& state, auto each) { contact_columns(state, each); });
     const Box box = grains.box.value_or(Box{});
     file.columns.push_back(
-        flat<double>("start/box", std::vector<Vec3>{box.lower, box.upper, grains.origin}, "m"));
+        as_column<double>("start/box", std::vector<Vec3>{box.lower, box.upper, grains.origin}, "m"));
     file.columns.push_back(
         {"start/periodic",
          std::vector<std::uint8_t>{grains.box.has_value(), box.periodic[0], box.periodic[1], box.periodic[2]},
@@ -169,8 +139,8 @@ Grains unpack_grains(const io::CheckpointReader& file, std::uint64_t first, std:
     });
     std::vector<Vec3> corners;
     std::vector<std::uint8_t> periodic;
-    unflatten<double>(file.read("start/box"), corners);
-    unflatten<std::uint8_t>(file.read("start/periodic"), periodic);
+    from_column<double>(file.read("start/box"), corners);
+    from_column<std::uint8_t>(file.read("start/periodic"), periodic);
     if (corners.size() != 3 || periodic.size() != 4)
         throw Error(ExitCode::input_invalid, "checkpoint: its box has the wrong size");
     grains.origin = corners[2];
@@ -222,7 +192,7 @@ engine::SavedState unpack_state(const io::CheckpointReader& file, std::uint64_t 
         else if (spread == Spread::table)
             read_rows<decltype(scalar)>(file, name, begin, rows * (rank + 1) / ranks - begin, values);
         else
-            unflatten<decltype(scalar)>(file.read(name), values);
+            from_column<decltype(scalar)>(file.read(name), values);
     };
     particle_columns(state, read);
     contact_columns(state, read);

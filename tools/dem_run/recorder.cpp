@@ -3,9 +3,9 @@
 
 #include "base/error.hpp"
 #include "cli/signals.hpp"
+#include "dem_run/columns.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <filesystem>
 #include <fmt/format.h>
 #include <limits>
@@ -88,18 +88,7 @@ void Recorder::frame(const engine::Simulation& s) {
     }
     for (std::uint64_t& row : particles)
         row += s.first_id();
-    writer_.changes(s.steps(), s.time(), particles, fields, rows_of(particles.size()));
-}
-
-/// Where this rank's rows of a table stand.
-io::Rows Recorder::rows_of(std::size_t count) const {
-    io::Rows rows;
-    const std::vector<std::uint64_t> counts = world_.gather(std::uint64_t{count});
-    for (std::size_t r = 0; r < counts.size(); ++r) {
-        rows.total += counts[r];
-        rows.first += r < static_cast<std::size_t>(world_.rank()) ? counts[r] : 0;
-    }
-    return rows;
+    writer_.changes(s.steps(), s.time(), particles, fields, rows_of(particles.size(), world_));
 }
 
 void Recorder::positions(const engine::Simulation& s, unsigned kinds) {
@@ -121,31 +110,13 @@ namespace {
 const std::string travel_names[] = {"travel_distance", "travel_distance_fine"};
 
 template <class Scalar, class Value>
-io::Column as_column(const std::string& name, const std::vector<Value>& values, const char* unit,
-                     io::Rows rows) {
-    static_assert(sizeof(Value) % sizeof(Scalar) == 0);
-    constexpr std::size_t width = sizeof(Value) / sizeof(Scalar);
-    std::vector<Scalar> data(width * values.size());
-    if (!values.empty())
-        std::memcpy(data.data(), values.data(), values.size() * sizeof(Value));
-    return {name, std::move(data), width, unit, rows};
-}
-
-template <class Scalar, class Value>
 void read_column(const io::CheckpointReader& file, const std::string& name, std::uint64_t first,
                  std::uint64_t count, std::vector<Value>& values) {
     if (!file.has(name))
         throw Error(ExitCode::input_invalid,
                     "checkpoint: column " + name +
                         " is missing; resume with the output settings that the run began with");
-    const io::Column column = file.read(name, first, count);
-    const auto* data = std::get_if<std::vector<Scalar>>(&column.data);
-    constexpr std::size_t width = sizeof(Value) / sizeof(Scalar);
-    if (data == nullptr || data->size() != width * count)
-        throw Error(ExitCode::input_invalid, "checkpoint: column " + name + " has the wrong type or width");
-    values.resize(count);
-    if (count > 0)
-        std::memcpy(static_cast<void*>(values.data()), data->data(), data->size() * sizeof(Scalar));
+    from_column<Scalar>(file.read(name, first, count), values);
 }
 
 } // namespace
@@ -153,7 +124,7 @@ void read_column(const io::CheckpointReader& file, const std::string& name, std:
 void Recorder::save(io::CheckpointFile& file) const {
     if (changed_ && !changed_->state().written.empty()) {
         const auto& state = changed_->state();
-        const io::Rows rows = rows_of(state.written.size());
+        const io::Rows rows = rows_of(state.written.size(), world_);
         file.columns.push_back(as_column<double>("output/written_position", state.written, "m", rows));
         file.columns.push_back(as_column<std::uint8_t>("output/changed_last", state.last, "", rows));
     }
@@ -161,7 +132,7 @@ void Recorder::save(io::CheckpointFile& file) const {
         if (!world_.any(travel_[k].started()))
             continue;
         const auto& state = travel_[k].state();
-        const io::Rows rows = rows_of(state.distance.size());
+        const io::Rows rows = rows_of(state.distance.size(), world_);
         file.columns.push_back(as_column<double>("output/" + travel_names[k], state.distance, "m", rows));
         file.columns.push_back(
             as_column<double>("output/" + travel_names[k] + "_position", state.position, "m", rows));

@@ -64,7 +64,6 @@ private:
     using Clock = std::chrono::steady_clock;
     void look_around(engine::Simulation& s);
     void show(const engine::Simulation& s);
-    io::Rows rows_of(std::size_t count) const;
     double elapsed() const;
 
     io::TrajectoryWriter& writer_;

@@ -4,6 +4,7 @@
 #include "engine/scene.hpp"
 #include "particles/grains.hpp"
 
+#include <array>
 #include <span>
 #include <vector>
 

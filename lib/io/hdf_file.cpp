@@ -72,9 +72,12 @@ Id access_for_writing(Context& context) {
         cache.metadata_write_strategy = H5AC_METADATA_WRITE_STRATEGY__PROCESS_0_ONLY;
     }
     H5Pset_mdc_config(access, &cache);
-    if (context.writers.in_memory)
-        H5Pset_fapl_core(access, 4096, false); // grows in such strides
-    else if (context.alone())
+    if (context.writers.in_memory) {
+        // What its length tells is that of a closed file: no strides, nothing kept in reserve.
+        H5Pset_fapl_core(access, 1, false);
+        H5Pset_meta_block_size(access, 1);
+        H5Pset_small_data_block_size(access, 1);
+    } else if (context.alone())
         use_recording_driver(access, context.record);
     else
         H5Pset_fapl_mpio(access, *static_cast<const MPI_Comm*>(context.writers.together.communicator),

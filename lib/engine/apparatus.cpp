@@ -55,8 +55,7 @@ void Simulation::feel_apparatus() {
         membrane_.set_push(n, body.velocity.w * (a - scene_.gravity) - membrane_.force(n));
     }
     triaxial_->feel(0.5 * (platen_force(TriaxialTest::bottom_wall) + platen_force(TriaxialTest::top_wall)),
-                    membrane_.stress(),
-                    {membrane_.spreading(particles_, false), membrane_.spreading(particles_, true)});
+                    membrane_.stress());
 }
 
 /// What a platen carries of the grains, N, pushed positive.
@@ -68,18 +67,14 @@ double Simulation::platen_force(std::size_t wall) const {
     return wall == TriaxialTest::bottom_wall ? force.value() : 0.0 - force.value();
 }
 
-/// After a move: sets the velocities of the top platen and of the clamped rings for the next.
+/// After a move: sets the velocity of the top platen and of the upper ring for the next.
 void Simulation::drive_platen() {
     const double v = triaxial_->control(step_ + 1, time_step_.step, specimen_shape());
     walls_.set_velocity(TriaxialTest::top_wall, {0, 0, v});
-    const Vec3 middle[] = {membrane_.middle(particles_, false), membrane_.middle(particles_, true)};
     for (std::size_t n = 0; n < membrane_.nodes(); ++n)
         if (membrane_.clamped(n)) {
-            const bool top = membrane_.on_top(n);
             Body& body = particles_.bodies[membrane_.row_of_node(n)];
-            const Vec3 outwards =
-                triaxial_->widening(top, time_step_.step) * (body.position.vec() - middle[top ? 1 : 0]);
-            body.velocity.set({outwards.x, outwards.y, top ? v : 0});
+            body.velocity.set({0, 0, membrane_.on_top(n) ? v : 0});
             body.half_kick = {};
             if (kernel_.traits.mixed)
                 particles_.set_half_motion(membrane_.row_of_node(n));

@@ -99,7 +99,6 @@ Membrane::Membrane(const Grains& grains, double youngs_modulus, double locked_mo
     flux_.resize(triangles_.size());
     tension_.resize(edges_.size());
     node_area_.resize(count);
-    from_middle_.resize(2 * around_);
     force_.resize(count);
     push_.resize(count);
     velocity_.resize(count);
@@ -155,11 +154,6 @@ void Membrane::measure(const ParticleColumns& p, ThreadTeam& team) {
             node_area_[n] = sum / 3;
         }
     });
-    for (const bool top : {false, true}) {
-        const Vec3 centre = middle(p, top);
-        for (std::size_t k = 0; k < around_; ++k)
-            from_middle_[(top ? around_ : 0) + k] = position(p, node_row_[first_clamped(top) + k]) - centre;
-    }
     volume_ = 0; // in the order of the triangles: the same bits whatever the threads
     for (const double flux : flux_)
         volume_ += flux;
@@ -196,26 +190,6 @@ void Membrane::compute(const ParticleColumns& p, double pressure, ThreadTeam& te
     });
 }
 
-Vec3 Membrane::middle(const ParticleColumns& p, bool top) const {
-    const std::size_t first = first_clamped(top);
-    Vec3 sum;
-    for (std::size_t n = first; n < first + around_; ++n)
-        sum += position(p, node_row_[n]);
-    return sum / static_cast<double>(around_);
-}
-
-double Membrane::spreading(const ParticleColumns& p, bool top) const {
-    const std::size_t first = first_clamped(top);
-    const double mass = p.bodies[node_row_[around_]].velocity.w; // of the first that is free
-    double push = 0, inertia = 0;
-    for (std::size_t k = 0; k < around_; ++k) {
-        const Vec3& from = from_middle_[(top ? around_ : 0) + k];
-        push += dot(force_[first + k] + push_[first + k], from);
-        inertia += mass * dot(from, from);
-    }
-    return push / inertia;
-}
-
 double Membrane::stress() const {
     double pushed = 0, all = 0;
     for (std::size_t n = around_; n + around_ < nodes(); ++n) {
@@ -249,8 +223,7 @@ std::size_t Membrane::memory() const {
     const auto bytes = [](const auto& column) { return column.capacity() * sizeof(column[0]); };
     return bytes(triangles_) + bytes(edges_) + bytes(node_row_) + bytes(row_node_) + bytes(first_corner_) +
            bytes(corner_) + bytes(first_edge_) + bytes(edge_of_) + bytes(area_) + bytes(node_area_) +
-           bytes(tension_) + bytes(force_) + bytes(push_) + bytes(velocity_) + bytes(from_middle_) +
-           bytes(flux_) + bytes(loss_);
+           bytes(tension_) + bytes(force_) + bytes(push_) + bytes(velocity_) + bytes(flux_) + bytes(loss_);
 }
 
 } // namespace talus::engine

@@ -15,8 +15,7 @@ namespace talus::engine {
 
 /// A flexible sheet of particles on a triangulated cylinder about the vertical, closed around a specimen. Its
 /// triangles carry a pressure (pressure times area along the normal, a third to each corner), its edges are
-/// springs with dashpots; the lowest and the highest ring of nodes are clamped to the platens, on which each
-/// widens and narrows as a whole with the specimen's end (they are lubricated). What the sheet
+/// springs with dashpots; the lowest and the highest ring of nodes are clamped to the platens. What the sheet
 /// presses on, it presses through its particles' contacts, which are the engine's. Nodes do not touch each
 /// other.
 ///
@@ -80,12 +79,6 @@ public:
 
     /// Learns what else acts on a node, N: the grains' push.
     void set_push(std::size_t node, const Vec3& force) { push_[node] = force; }
-    /// 1/s2, by which all that acts on a clamped ring, were it as light as the rest of the sheet, would make
-    /// it wider about its middle: sum of F d over sum of m d2, d from there. With positions as last measured,
-    /// forces as last computed and learned.
-    double spreading(const ParticleColumns& p, bool top) const;
-    /// m, of a clamped ring's nodes.
-    Vec3 middle(const ParticleColumns& p, bool top) const;
     /// Pa, of the grains' push outwards on the nodes that are free, over their triangles' area.
     double stress() const;
     void add_elastic_energy(const ParticleColumns& p, ExactSum& sum) const;
@@ -104,7 +97,6 @@ private:
     }
     void add_edge(const Grains& grains, std::size_t first, std::uint32_t a, std::uint32_t b, double stiffness,
                   double damping);
-    std::size_t first_clamped(bool top) const { return top ? nodes() - around_ : 0; }
     /// m, of an edge beyond where it locks.
     static double beyond(const Edge& e, double length) {
         return std::max(0.0, length - (1 + locks_at) * e.length);
@@ -121,7 +113,6 @@ private:
     /// edges, with the sign of the force.
     std::vector<std::uint32_t> first_corner_, corner_, first_edge_, edge_of_;
     std::vector<Vec3> area_, node_area_, tension_, force_, push_, velocity_; ///< area_: of triangles
-    std::vector<Vec3> from_middle_;   ///< m, of the clamped nodes in their rings
     std::vector<double> flux_, loss_; ///< m3 of a triangle; W of an edge's dashpot
 };
 

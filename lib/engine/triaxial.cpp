@@ -13,7 +13,7 @@ namespace talus::engine {
 namespace {
 
 /// Clamped particles weigh so much that nothing moves them but the platen.
-constexpr double weight_of_clamped = 1e6;
+constexpr double weight_of_clamped = 1e12;
 /// Wave times in which the confining stress comes up by default.
 constexpr double waves_of_consolidation = 20;
 /// Times its ramp that consolidation usually takes.
@@ -328,9 +328,7 @@ std::vector<double> TriaxialTest::state() const {
             felt_,
             more_,
             force_,
-            stress_,
-            spreading_[0],
-            spreading_[1]};
+            stress_};
 }
 
 void TriaxialTest::set_state(std::span<const double> s) {
@@ -344,7 +342,6 @@ void TriaxialTest::set_state(std::span<const double> s) {
     more_ = s[7];
     force_ = s[8];
     stress_ = s[9];
-    spreading_ = {s[10], s[11]};
 }
 
 } // namespace talus::engine

@@ -44,9 +44,6 @@ double locked_membrane_modulus(const Material& material);
 /// (that radius / theirs). It is adjusted,
 /// slowly, so that what the membrane's particles really press on the grains is the confining stress: the
 /// sheet's own tension is not.
-///
-/// The membrane's ends widen and narrow with the specimen's: were they held, its grains would be squeezed out
-/// between platen and membrane as soon as the specimen is wider by a grain.
 class TriaxialTest {
 public:
     TriaxialTest() = default;
@@ -73,15 +70,10 @@ public:
     double pressure(std::int64_t step, double time_step, const Shape& shape) const;
     /// Learns what was felt in the last sweep over the contacts.
     /// @param force N, that a platen carries; @param stress Pa, on the membrane's triangles
-    /// @param spreading 1/s2, of the membrane's lower and upper end (Membrane::spreading)
-    void feel(double force, double stress, const std::array<double, 2>& spreading) {
+    void feel(double force, double stress) {
         force_ = force;
         stress_ = stress;
-        spreading_ = spreading;
     }
-    /// 1/s, at which an end of the membrane is to widen in the next step: it slides on the platen as through
-    /// a thick lubricant, which stops it within two steps.
-    double widening(bool top, double time_step) const { return 2 * time_step * spreading_[top ? 1 : 0]; }
     /// m/s upwards, of the top platen in the next step.
     double control(std::int64_t step, double time_step, const Shape& shape);
     double velocity() const { return velocity_; }
@@ -91,7 +83,7 @@ public:
     static constexpr std::size_t bottom_wall = 0, top_wall = 1;
 
     /// What the next step depends on, for checkpoints.
-    static constexpr std::size_t state_size = 12;
+    static constexpr std::size_t state_size = 10;
     std::vector<double> state() const;
     void set_state(std::span<const double> state);
 
@@ -103,9 +95,8 @@ private:
     double velocity_ = 0;                        ///< m/s upwards
     double start_height_ = 0, start_volume_ = 0; ///< m, m3, when the shear began
     double carried_ = 0, felt_ = 0;              ///< Pa, of platens and membrane, averaged over some steps
-    double more_ = 0, most_more_ = 0;   ///< Pa, pressure less what the specimen is to feel, and its bound
-    double force_ = 0, stress_ = 0;     ///< N, Pa, as last felt
-    std::array<double, 2> spreading_{}; ///< 1/s2
+    double more_ = 0, most_more_ = 0; ///< Pa, pressure less what the specimen is to feel, and its bound
+    double force_ = 0, stress_ = 0;   ///< N, Pa, as last felt
 };
 
 } // namespace talus::engine

@@ -327,27 +327,6 @@ TEST(Membrane, StressIsThePushOverTheFreeNodesArea) {
     EXPECT_NEAR(sheet.membrane.stress() / 4e3, 1, 1e-12);
 }
 
-TEST(Membrane, EndsSpreadByWhatPushesThemOutwards) {
-    // The same push on every node of a ring, radius R: the ring as a whole is accelerated by push / mass,
-    // that is by push / (mass R) for each metre from its middle. Forces along the ring, or the same on all,
-    // do nothing.
-    const double radius = 0.3, push = 5;
-    Sheet sheet(cylinder(12, 7, radius, 0.6));
-    sheet.compute(0);
-    for (const bool top : {false, true}) {
-        const Vec3 middle = sheet.membrane.middle(sheet.columns, top);
-        EXPECT_LT(norm(middle - Vec3{0.3, -0.2, top ? 0.7 : 0.1}), 1e-14);
-        for (std::size_t k = 0; k < 12; ++k) {
-            const std::size_t n = (top ? sheet.membrane.nodes() - 12 : 0) + k;
-            const Vec3 out = (sheet.position(n) - middle) / radius, along = cross({0, 0, 1}, out);
-            sheet.membrane.set_push(n, (top ? 2 : 1) * push * out + 3 * along + Vec3{7, -1, 4} -
-                                           sheet.membrane.force(n));
-        }
-        EXPECT_NEAR(sheet.membrane.spreading(sheet.columns, top) * particle_mass * radius / push, top ? 2 : 1,
-                    1e-12);
-    }
-}
-
 TEST(Membrane, LocksWhereGrainsCouldSlipThrough) {
     // One node of two equal sheets is drawn outwards: as long as no edge is stretched by locks_at they pull
     // alike, beyond one of them pulls as much more as its locked modulus says, and still as its energy does.

@@ -359,33 +359,6 @@ TEST(Triaxial, PlatenComesSmoothlyToItsSpeed) {
     }
 }
 
-TEST(Triaxial, EndsOfTheMembraneGoWithTheSpecimen) {
-    TestRun test(test_scene(confining, 0.1));
-    ASSERT_EQ(test.run(), RunEnd::done);
-    const std::size_t first = first_node(test.grains), nodes = test.grains.size() - first;
-    std::size_t around = 1;
-    while (test.grains.position[first + around].z == test.grains.position[first].z)
-        ++around;
-    const std::vector<Vec3> x = test.simulation->positions();
-    const auto radius = [&](const std::vector<Vec3>& of,
-                            std::size_t node) { // mean, of the ring from there on
-        Vec3 middle;
-        for (std::size_t k = 0; k < around; ++k)
-            middle += of[first + node + k] / static_cast<double>(around);
-        double sum = 0;
-        for (std::size_t k = 0; k < around; ++k)
-            sum += norm(of[first + node + k] - middle) / static_cast<double>(around);
-        return sum;
-    };
-    for (const std::size_t node : {std::size_t{0}, nodes - around}) {
-        // Its nodes stay at one height; it went with the ring next to it, one end in, one out.
-        for (std::size_t k = 1; k < around; ++k)
-            EXPECT_NEAR(x[first + node + k].z, x[first + node].z, 1e-6);
-        EXPECT_GT(std::abs(radius(x, node) - radius(test.grains.position, node)), 0.05 * grain_radius);
-        EXPECT_NEAR(radius(x, node), radius(x, node == 0 ? around : node - around), 0.1 * grain_radius);
-    }
-}
-
 TEST(Triaxial, EnergyIsAccountedFor) {
     // What pressure and platens bring in is stored, lost or in motion, to second order in the step: some 1e-2
     // of it is not where bonds break at the default step, 1e-3 at half that.

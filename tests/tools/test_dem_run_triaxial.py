@@ -83,7 +83,7 @@ class TriaxialTests(RankRuns):
         self.assertTrue(np.all(curve["axial_strain"][~shear] == 0))
         self.assertAlmostEqual(area[0], np.pi / 4 * DIAMETER**2, delta=0.1 * area[0])
         self.assertGreater(curve["axial_strain"][-1], 0.0195)  # the last row is within an interval of the end
-        self.assertGreater(curve["deviatoric_stress"][shear].max(), 2e4)
+        self.assertGreater(curve["deviatoric_stress"][shear].max(), 3e4)
         # Walls of the series: both platens are pushed outwards.
         self.assertGreater(platens[0][shear].min(), 0)
         self.assertLess(platens[1][shear].max(), 0)

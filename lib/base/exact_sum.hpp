@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
+#include <bit>
 #include <cmath>
 #include <cstdint>
 
@@ -23,7 +24,7 @@ public:
         if (std::abs(quanta) < 0x1p62)
             sum_ += static_cast<std::int64_t>(quanta);
         else if (std::abs(quanta) < 0x1p120)
-            sum_ += static_cast<__int128>(quanta);
+            add_large(quanta);
         else
             overflowed_ = true;
     }
@@ -58,6 +59,16 @@ public:
     }
 
 private:
+    /// From 2^62 on a double is a whole number: its mantissa, shifted. (The compiler's own conversion is a
+    /// call.)
+    void add_large(double quanta) {
+        const auto bits = std::bit_cast<std::uint64_t>(quanta);
+        const auto mantissa = static_cast<std::int64_t>((bits & 0xfffffffffffffU) | 0x10000000000000U);
+        const __int128 size = static_cast<__int128>(mantissa)
+                              << (static_cast<int>(bits >> 52 & 0x7ffU) - 1075);
+        sum_ += quanta < 0 ? -size : size;
+    }
+
     __int128 sum_ = 0;
     double to_quanta_ = 0x1p72;
     int exponent_ = -72;

@@ -170,14 +170,27 @@ RestState Simulation::rest_state() const {
     const ParticleColumns& p = particles_;
     const double scale = record_scale();
     ExactSum net_force(scale), wall_force(scale), speed2(1e6);
+    struct Part {
+        ExactSum net_force, speed2;
+        double max_speed2 = 0;
+    };
+    std::vector<Part> parts(static_cast<std::size_t>(team_.size()), {net_force, speed2});
+    team_.for_range(p.owned, [&](std::size_t begin, std::size_t end, int thread) {
+        Part& part = parts[static_cast<std::size_t>(thread)];
+        for (std::size_t row = begin; row < end; ++row) {
+            if (p.species[row] == Species::fixed || membrane_.clamped_row(row))
+                continue;
+            part.net_force.add(p.bodies[row].velocity.w * norm(net_.acceleration[row]));
+            const double v2 = norm2(full_velocity(row));
+            part.speed2.add(v2);
+            part.max_speed2 = std::max(part.max_speed2, v2);
+        }
+    });
     RestState rest;
-    for (std::size_t row = 0; row < p.owned; ++row) {
-        if (p.species[row] == Species::fixed || membrane_.clamped_row(row))
-            continue;
-        net_force.add(p.bodies[row].velocity.w * norm(net_.acceleration[row]));
-        const double v2 = norm2(full_velocity(row));
-        speed2.add(v2);
-        rest.max_speed = std::max(rest.max_speed, v2);
+    for (const Part& part : parts) {
+        net_force.add(part.net_force);
+        speed2.add(part.speed2);
+        rest.max_speed = std::max(rest.max_speed, part.max_speed2);
     }
     std::size_t touching_walls = 0;
     for (const WallContacts::Entry& e : walls_.entries())

@@ -90,6 +90,20 @@ TEST(ExactSum, DoesNotDependOnTheOrder) {
     EXPECT_EQ(again.value(), -3.25);
 }
 
+TEST(ExactSum, TakesLargeTermsAsTheyAre) {
+    for (int exponent = -12; exponent < 48; ++exponent)
+        for (const double term : {std::ldexp(1 + 0x1p-52, exponent), -std::ldexp(2 - 0x1p-52, exponent)}) {
+            ExactSum sum(1.0);
+            sum.add(term);
+            EXPECT_EQ(sum.value(), term);
+        }
+    for (const double term : {0x1p48, -0x1p60, std::nan("")}) {
+        ExactSum sum(1.0);
+        sum.add(term);
+        EXPECT_TRUE(std::isnan(sum.value())) << term;
+    }
+}
+
 TEST(Morton, InterleavesTheBits) {
     EXPECT_EQ(morton_code(1, 0, 0), 1u);
     EXPECT_EQ(morton_code(0, 1, 0), 2u);

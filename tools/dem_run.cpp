@@ -442,7 +442,8 @@ int main(int argc, char** argv) {
         const engine::RunEnd end = engine::run(simulation, scene, recorder, position);
         const double wall = seconds_since(wall_start);
         progress.finish();
-        if (end == engine::RunEnd::stopped) {
+        const std::string& failure = recorder.failure();
+        if (end == engine::RunEnd::stopped && failure.empty()) {
             save();
             trajectory.suspend();
             if (!first_rank && std::freopen("/dev/null", "w", stderr) == nullptr) // one line is enough
@@ -480,7 +481,12 @@ int main(int argc, char** argv) {
         const engine::RestState rest = simulation.rest_state();
         json["unbalanced_force"] = rest.unbalanced_force;
         json["rms_speed"] = rest.rms_speed;
+        if (!failure.empty())
+            json["failure"] = failure;
         tool.result(json);
+        if (!failure.empty())
+            throw Error(ExitCode::quality_not_reached,
+                        fmt::format("{}; {} holds the run until then", failure, common.output));
     });
     // Ranks that stopped together end together; after an error that others may not know, nobody waits for
     // them.

@@ -4,7 +4,8 @@ bench/triaxial.
 
 A test is kept as NAME_KEY.traj.h5 with NAME_KEY.json, dem-run's result, beside it. The key is a hash of all that
 determines the trajectory: the specimen's contents, dem-run's effective settings and its version. One that was stopped
-goes on from its checkpoint; one that is running elsewhere is waited for.
+goes on from its checkpoint; one that is running elsewhere is waited for. One that ended before its time has a `failure` in
+its result.
 """
 import concurrent.futures
 import contextlib
@@ -226,7 +227,7 @@ class Bench:
             if code == 75 or (code and stopping.is_set()):
                 note(f"  {test['name']}: stopped after {time.monotonic() - began:.0f} s, the same call goes on")
                 raise Stopped
-            if code:
+            if code and not (code == 6 and out.strip()):
                 raise Failed(f"{test['name']}: {complaint_of('dem-run', code, err)}")
             result = {**json.loads(out), "resumed": resumed, "made_by": test["made_by"]}
             write_whole(test["result"], json.dumps(result, indent=1) + "\n")
@@ -237,8 +238,8 @@ class Bench:
 
     def run_all(self, tests, share_out=True):
         """Does what is not done. As many tests side by side as there are cores, one thread each; the rest that would
-        leave cores idle comes last and, with `share_out`, shares them out. Returns the failures by name.
-        @throws Stopped"""
+        leave cores idle comes last and, with `share_out`, shares them out. Returns the failures by name, of tests that
+        ended before their time as well. @throws Stopped"""
         todo = [test for test in {test["name"]: test for test in tests}.values() if not self.done(test)]
         todo.sort(key=lambda test: (-test["specimen"]["particle_count"], -test["confining_stress"]))
         whole = len(todo) - len(todo) % self.jobs
@@ -259,6 +260,9 @@ class Bench:
                         stopped = True
         if stopped:
             raise Stopped
+        for test in tests:
+            if failure := (self.done(test) or {}).get("failure"):
+                failures[test["name"]] = f"{test['name']}: {failure}"
         return failures
 
     def fit(self, tests, *more):

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 
 from rank_runs import RankRuns, mpirun
-from talus_tools import CONFIGURATION, DONE, FAILED, INPUT, STOPPED, check_xdmf, copy_with, main, write_model
+from talus_tools import CONFIGURATION, DONE, INPUT, QUALITY, STOPPED, check_xdmf, copy_with, main, write_model
 
 DIAMETER, HEIGHT = 1.2, 1.6  # m, of a specimen of some 380 grains with a radius of 9 cm
 UNITS = {"axial_strain": b"", "volumetric_strain": b"", "axial_stress": b"Pa", "axial_stress_top": b"Pa",
@@ -208,12 +208,20 @@ class TriaxialTests(RankRuns):
 
     def test_pushed_through_the_membrane(self):
         # Grains fit between three of the membrane's particles, whatever these are held by.
-        got = self.refuses(FAILED, "--triaxial.confining_stress", "500kPa", "--triaxial.membrane_youngs_modulus",
-                           "1kPa", "--triaxial.membrane_radius", "16cm", "--set", "bond=null",
-                           names=("outside the membrane", "triaxial.membrane_radius"))
+        got = self.run_tool("dem-run", *self.arguments(), "--triaxial.confining_stress", "500kPa",
+                            "--triaxial.membrane_youngs_modulus", "1kPa", "--triaxial.membrane_radius", "16cm", "--set",
+                            "bond=null", "--format", "json")
+        self.assertEqual(got.code, QUALITY, str(got))
         self.assertEqual(len(got.err.splitlines()), 1, str(got))
+        for words in ("outside the membrane", "triaxial.membrane_radius", "run.h5"):
+            self.assertIn(words, got.err)
+        self.assertIn(got.json["failure"], got.err)
         grain = int(got.err.split("particle ")[1].split(":")[0])
         self.assertLess(grain, self.grains())
+        # Nothing is lost: the file is whole, its series goes up to there, and there is nothing to go on from.
+        with h5py.File(self.folder / "run.h5", "r") as file:
+            self.assertAlmostEqual(file["granular/series/time"][-1], got.json["time"], delta=1e-12)
+        self.assertFalse([name for name in self.files() if name.endswith((".part", ".ckpt.h5"))])
 
     def test_cohesion_and_friction_angle(self):
         """Three confining stresses, 0 among them, and the fit through them."""

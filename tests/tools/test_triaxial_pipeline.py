@@ -120,6 +120,17 @@ class Table(PipelineTest):
         self.assertNotEqual([row["peak_deviatoric_stress"] for row in self.rows()],
                             [row["peak_deviatoric_stress"] for row in rows][::-1])
 
+    def test_a_test_that_ends_early(self):
+        """What it has is kept and shown; it is not done again."""
+        loose = ["--stresses", "500", "--set", "bond=null", "--set", "triaxial.membrane_youngs_modulus=1kPa", "--set",
+                 "triaxial.membrane_radius=1.7mm"]
+        for already in (False, True):
+            got = self.table4(*loose, code=QUALITY)
+            self.assertIn("outside the membrane", got.out)
+            self.assertIn(f"1 tests, {0 if already else 1} to be done", got.err)
+        self.assertEqual(len(self.trajectories("series")), 1)
+        self.pipeline("triaxial-task", 1, "--bin", BIN, "--out", "series", *TINY, *loose, code=QUALITY)
+
     def test_tasks(self):
         """One test a task: the series finds them done, and they are what the series would have made."""
         tasks = ["--bin", BIN, "--out", "tasks", *TINY]

@@ -219,13 +219,13 @@ void Recorder::series(const engine::Simulation& s) {
             row.emplace_back(fmt::format("strength_reduction/{}/factor", k), factors[k]);
     }
     if (scene_.triaxial) {
-        if (const auto grain = s.outside_membrane())
-            throw Error(
-                ExitCode::run_failed,
-                fmt::format("particle {}: stands outside the membrane at t = {:.6g} s: give it smaller "
-                            "particles (triaxial.membrane_radius) or a larger modulus",
-                            *grain, s.time()));
         const engine::TriaxialMeasures m = s.triaxial_measures();
+        if (const auto grain = s.outside_membrane())
+            failure_ = fmt::format(
+                "particle {}: stands outside the membrane at t = {:.6g} s, axial strain {:.4f} of "
+                "{:g}: give the membrane smaller particles (triaxial.membrane_radius) or a larger "
+                "modulus, or the platens friction",
+                *grain, s.time(), m.axial_strain, scene_.triaxial->axial_strain);
         const auto add = [&](const char* name, double value) {
             row.emplace_back(std::string("triaxial/") + name, value);
         };
@@ -274,7 +274,9 @@ void Recorder::show(const engine::Simulation& s) {
 bool Recorder::stop(engine::Simulation& s) {
     look_around(s);
     const unsigned asked = s.asked();
-    if (asked & signal_came)
+    if (!failure_.empty())
+        reason_ = failure_;
+    else if (asked & signal_came)
         reason_ = "a signal";
     else if (asked & wall_time_is_up)
         reason_ = "--max-wall";

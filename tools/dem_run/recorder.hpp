@@ -59,6 +59,8 @@ public:
     std::size_t bonds_broken() const { return broken_; }
     std::size_t bonds_released() const { return released_; }
     const std::string& stop_reason() const { return reason_; }
+    /// Why the run ends before its time with what it has, for good; empty where it does not.
+    const std::string& failure() const { return failure_; }
 
 private:
     using Clock = std::chrono::steady_clock;
@@ -84,7 +86,7 @@ private:
     Clock::time_point start_ = Clock::now();
     double last_look_ = 0, last_checkpoint_ = 0;
     std::size_t broken_ = 0, released_ = 0;
-    std::string reason_;
+    std::string reason_, failure_;
 };
 
 } // namespace talus::dem_run

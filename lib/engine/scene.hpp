@@ -49,9 +49,7 @@ struct Triaxial {
     double axial_strain = 0.12;    ///< at which the test ends
     double velocity_ramp = 0.002;  ///< axial strain over which the platen comes to its speed
     double bedding = 0; ///< of the mean radius: how far the platens stand in the specimen's uneven ends
-    /// 0, lubricated ends: the specimen stays a cylinder. With the grains' (0.75) it bulges and is stronger
-    /// by a fifth.
-    double platen_friction = 0;
+    std::optional<double> platen_friction; ///< empty: the grains'; 0: lubricated ends
 
     std::optional<double> membrane_youngs_modulus; ///< Pa; empty: a thousandth of the grains', or 2.5
                                                    ///< confining stresses where that is more

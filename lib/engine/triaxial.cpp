@@ -31,7 +31,7 @@ constexpr double most_of_stress = 0.5, most_of_modulus = 0.05;
 constexpr double part_of_youngs_modulus = 1e-3, least_of_stress = 2.5;
 /// Of the grains' modulus, of the sheet where its edges lock. Single grains push against it with what a
 /// column of grains carries, whatever the confining stress.
-constexpr double locked_part_of_youngs_modulus = 0.05;
+constexpr double locked_part_of_youngs_modulus = 0.2;
 /// Least mean radii of a specimen's radius: below, a membrane of its grains' size is no surface.
 constexpr double least_radii = 4;
 
@@ -207,7 +207,7 @@ void prepare_triaxial(Scene& scene, Grains& grains) {
     complete_membrane(scene.material, kind, first, grains);
     const double bottom = grains.position[first].z, top = grains.position.back().z;
     Material platen = scene.material;
-    platen.friction = t.platen_friction;
+    platen.friction = t.platen_friction.value_or(scene.material.friction);
     scene.walls = {{.name = "platen_bottom",
                     .point = {0, 0, bottom},
                     .normal = {0, 0, 1},

@@ -33,6 +33,7 @@ FRICTION = {"PL": 0.0, "PF": 0.4, "FF": 0.0}  # of the grains while box or heap 
 RADIUS = 0.001     # m, of the specimen's grains; all lengths of a specimen follow from it
 FRACTION = 0.64    # solid volume fraction of the boxes
 FRAMES = 24        # of a test's shear
+UNCONFINED = 0.5   # of the scene's platen velocity, without confining stress: waves in the specimen are slower
 NOT_OF_THE_RESULT = ("threads", "format", "progress")
 RESIDUAL = (0.11, 0.12)  # axial strain over which the residual stress is the mean, as in triax-fit
 HELD = 0.02              # of the stress asked for, that the mean confining stress may be off, as in triax-fit
@@ -193,6 +194,10 @@ class Bench:
         command += [word for setting in words for word in ("--set", setting)]
         shown = json.loads(checked([*command, "--print-config"]))
         t = shown["triaxial"]
+        if stress == 0 and not any(word.startswith("triaxial.platen_velocity=") for word in words):
+            t["platen_velocity"] *= UNCONFINED
+            words.append(f"triaxial.platen_velocity={t['platen_velocity']:.9g}")
+            command += ["--set", words[-1]]
         if not any(word.startswith("output.frame_interval=") for word in words):
             interval = (t["axial_strain"] + t["velocity_ramp"]) * specimen["height"] / t["platen_velocity"] / FRAMES
             words.append(f"output.frame_interval={interval:.6g}")

@@ -354,8 +354,8 @@ void SceneSettings::add_triaxial() {
              "axial strain over which the platen comes to its speed", {0, 0.1});
     s.number("triaxial.bedding", t.bedding, Unit::none,
              "how far the platens stand in the specimen's uneven ends, in mean radii", {0, 1});
-    s.number("triaxial.platen_friction", t.platen_friction, Unit::none,
-             "between platens and grains; 0: lubricated ends", cli::not_negative);
+    s.optional_number("triaxial.platen_friction", t.platen_friction, Unit::none,
+                      "between platens and grains; auto: the grains'; 0: lubricated ends", cli::not_negative);
     s.optional_number("triaxial.membrane_youngs_modulus", t.membrane_youngs_modulus, Unit::pressure,
                       "of the sheet; auto: a thousandth of the grains', at least 2.5 confining stresses",
                       cli::positive);
